@@ -21,6 +21,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timedelta, timezone
 from hashlib import sha256
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, Protocol
@@ -145,15 +146,15 @@ class ChunkResults:
 
     def load(self, key: str) -> Arrays | None:
         """A result, or None if there is none. A damaged result is removed."""
-        with TemporaryDirectory() as folder:
-            if not self.fetch(key, Path(folder)):
-                return None
-            try:
-                with np.load(Path(folder) / _FILE, allow_pickle=False) as content:
-                    return dict(content)
-            except (ValueError, OSError, EOFError, zipfile.BadZipFile):
-                self.remove(key)
-                return None
+        found = self._entries.read(key)
+        if found is None:
+            return None
+        try:
+            with np.load(BytesIO(found[_FILE]), allow_pickle=False) as content:
+                return dict(content)
+        except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile):
+            self.remove(key)
+            return None
 
     def keep(self, key: str) -> None:
         """Renew the age of a result that was used, so that it expires later. One of today is young enough."""

@@ -188,13 +188,14 @@ class StageCache:
         try:
             (part / "files").mkdir()
             fill(part / "files")
-            record = {"stage": name, "files": _hashes(part / "files")}
+            hashes = _hashes(part / "files")
+            record = {"stage": name, "files": hashes}
             (part / "stage.json").write_text(json.dumps(record, sort_keys=True))
             self._move_in(part, key)
         finally:
             shutil.rmtree(part, ignore_errors=True)
             os.close(lock)
-        found = self._find(key)
+        found = self._find(key, hashes)
         if found is None:
             raise OSError(f"stage {name} vanished from {self._folder} as it was written")
         return found
@@ -211,15 +212,19 @@ class StageCache:
             if self._remove(path):
                 total -= sizes[path]
 
-    def _find(self, key: str) -> StageResult | None:
-        """The stage, locked against pruning; None if it is missing or damaged."""
+    def _find(self, key: str, made: dict[str, str] | None = None) -> StageResult | None:
+        """The stage, locked against pruning; None if it is missing or damaged.
+
+        Args:
+            made: hashes of its files that were taken right before; None: they are read.
+        """
         path = self._folder / key
         lock = _lock(path, fcntl.LOCK_SH)
         if lock is None:
             return None
         try:
             recorded = json.loads((path / "stage.json").read_bytes())["files"]
-            intact = recorded == _hashes(path / "files")
+            intact = recorded == (made or _hashes(path / "files"))
             os.utime(path / "stage.json")
         except (OSError, ValueError, KeyError, TypeError):
             intact = False
