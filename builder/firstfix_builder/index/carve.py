@@ -1,4 +1,4 @@
-"""Free space carved by the rays of the mapping run, as chunks: those of a few poses in one tile of the map.
+"""Free space carved by the rays of the mapping run, as chunks: those of the poses in one tile of the map.
 
 The rays are those of the map's sensor, from the trajectory's poses in the reconstructed mesh. They carve as
 the run's own scans would (docs/method.md section 6), so nobody has to hand these in.
@@ -36,13 +36,13 @@ BACK_OFF_M = 0.3  # of a ray's end: surface and mesh are not one
 SPARSE_M = 2.0  # between poses: then a cell is free that one of them saw so, otherwise two of them
 MIN_CELL_M, MAX_CELL_M = 0.1, 0.25
 TILE_M = 64.0
-AT_ONCE = 16  # poses of a chunk: of a run along a street few of them see a change
+AT_ONCE = 16
 _BITS = 21  # of a brick's number along each axis, in its key
 
 
 @dataclass(frozen=True)
 class CarveChunk(Chunk):
-    """The cells that the rays of a few poses of one tile pass. Reads the input ``mesh``.
+    """The cells that the rays of some poses pass. Reads the input ``mesh``.
 
     Attributes:
         tile: its number in x and y.
@@ -59,9 +59,11 @@ class CarveChunk(Chunk):
         low = np.floor((np.array(self.tile) + 0.5) * TILE_M / SHARED_M) * SHARED_M
         simulator = local_simulator(inputs["mesh"], low, low + SHARED_M, self.sensor.max_range_m)
         cells, rays, poses = CarvedCells(self.cell_m), _rays(self.sensor), np.array(self.poses, np.float64)
-        for ranges in simulator.ranges(upright(poses), self.sensor, rays):
-            cells.add(poses[: len(ranges)], rays.directions, ranges, BACK_OFF_M)
-            poses = poses[len(ranges) :]
+        for start in range(0, len(poses), AT_ONCE):
+            some = poses[start : start + AT_ONCE]
+            for ranges in simulator.ranges(upright(some), self.sensor, rays):
+                cells.add(some[: len(ranges)], rays.directions, ranges, BACK_OFF_M)
+                some = some[len(ranges) :]
         brick, once, twice = cells.bricks()
         return {"brick": brick, "once": once, "twice": twice}
 
@@ -96,8 +98,7 @@ def carve_chunks(
     for first, last in pairwise(start.tolist()):
         at = places[order[first:last]]
         column, row = np.floor(at[0, :2].astype(np.float64) / TILE_M).astype(int).tolist()
-        for some in (at[k : k + AT_ONCE].tolist() for k in range(0, len(at), AT_ONCE)):
-            chunks.append(CarveChunk((column, row), tuple(map(tuple, some)), sensor, cell_m))
+        chunks.append(CarveChunk((column, row), tuple(map(tuple, at.tolist())), sensor, cell_m))
     return chunks
 
 

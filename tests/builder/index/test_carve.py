@@ -58,12 +58,10 @@ def test_cells_follow_the_points_of_the_map(voxel_m, cell_m):
     assert cell_width_m(RegistrationConfig(map_voxel_m=voxel_m)) == pytest.approx(cell_m)
 
 
-def test_a_few_poses_of_a_tile_are_a_chunk():
+def test_each_tile_s_poses_are_a_chunk():
     chunks = carve_chunks(along_x(1.0, 150), preset("vlp-16"), RegistrationConfig())
-    assert [chunk.tile for chunk in chunks] == [(0, 0)] * 4 + [(1, 0)] * 4 + [(2, 0)] * 2
-    assert [len(chunk.poses) for chunk in chunks] == [16] * 9 + [6]
-    along = np.array([pose for chunk in chunks for pose in chunk.poses])
-    assert np.array_equal(along, along_x(1.0, 150)[:, :3, 3])
+    assert [chunk.tile for chunk in chunks] == [(0, 0), (1, 0), (2, 0)]
+    assert sum(len(chunk.poses) for chunk in chunks) == 150
 
 
 @pytest.mark.parametrize("ys", [(0.05, 0.05, 0.25), (0.25, 0.05, 0.05), (0.05, 0.25, 0.05)])
