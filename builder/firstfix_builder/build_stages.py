@@ -366,7 +366,7 @@ class BuildStages:
                 self.runner.ticks("build_index"),
                 provisional=self.provisional,
                 kept=None if kept is None else _kept_aliases(kept),
-                made_of=partial(self.runner.chunks.made_of, "build_index/normals"),
+                made_of=partial(self.runner.chunks.made_of, "build_index"),
             )
             if not self.provisional:  # for the build of the next version
                 link(mesh.directory / SURFACE_FILE, out / SURFACE_FILE)
@@ -399,13 +399,14 @@ class BuildStages:
             engine = index.engine
             draw_cloud(
                 out,
-                index.mapped_map_points if read.is_mesh else read.mapped_points,
+                None if read.is_mesh else read.mapped_points,
                 Templates.load(index.directory, engine.descriptor.make()).position_m,
                 read.trajectory,
                 index.directory,
                 engine.registration,
                 read.T_map_level,
                 None if read.is_mesh else read.intensity,
+                partial(self.runner.chunks.made_of, "draw_cloud"),
             )
 
         return self.runner.stage("draw_cloud", {"map": read.digest, "index": index.digest}, {}, produce)

@@ -161,11 +161,6 @@ class IndexFiles(FittedEngine):
         """(n, 3) of the surface that is seen from the viewpoints."""
         return _array(self.directory / MAP_FILE)
 
-    @property
-    def mapped_map_points(self) -> NDArray[np.float32]:
-        """(n, 3) ``map_points``, memory-mapped."""
-        return _array(self.directory / MAP_FILE, mapped=True)
-
     def load(self, calibration: Calibration) -> MapIndex:
         """Load the index with a calibration, which it has not yet."""
         return MapIndex.load(self.directory, calibration)

@@ -19,23 +19,26 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
+from datetime import datetime, timedelta, timezone
 from hashlib import sha256
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, ClassVar, Protocol, TypeAlias
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.builds.shared_stages import RECORD, ROOT, SharedStages
+from firstfix.engine.made_of import Arrays as Arrays
 from firstfix.errors import BuildCancelled, StoreError
 from firstfix.store.store import Store
 
 from .build_trace import mark_chunks
 from .stage_cache import StageCache, StageResult, StagesElsewhere
 
-Arrays: TypeAlias = dict[str, NDArray[Any]]
 _FILE = "arrays.npz"
+RENEWED_AFTER = timedelta(days=1)  # a put waits for the disk, and a build uses thousands of results
 MESH = "mesh"  # the input that holds a map's surface
 
 
@@ -143,20 +146,21 @@ class ChunkResults:
 
     def load(self, key: str) -> Arrays | None:
         """A result, or None if there is none. A damaged result is removed."""
-        with TemporaryDirectory() as folder:
-            if not self.fetch(key, Path(folder)):
-                return None
-            try:
-                with np.load(Path(folder) / _FILE, allow_pickle=False) as content:
-                    return dict(content)
-            except (ValueError, OSError, EOFError, zipfile.BadZipFile):
-                self.remove(key)
-                return None
+        found = self._entries.read(key)
+        if found is None:
+            return None
+        try:
+            with np.load(BytesIO(found[_FILE]), allow_pickle=False) as content:
+                return dict(content)
+        except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile):
+            self.remove(key)
+            return None
 
     def keep(self, key: str) -> None:
-        """Renew the age of a result that was used, so that it expires later."""
+        """Renew the age of a result that was used, so that it expires later. One of today is young enough."""
         where = f"{ROOT}/{key}/{RECORD}"
-        self._store.put(where, self._store.get(where))
+        if datetime.now(timezone.utc) - self._store.last_modified(where) > RENEWED_AFTER:
+            self._store.put(where, self._store.get(where))
 
     def remove(self, key: str) -> None:
         """Remove a result."""
@@ -305,20 +309,18 @@ class ChunkCache:
                 if chunk.key not in found:
                     _share(results, shared, stage, chunk.key)
 
-    def made_of(self, work: str, content: Sequence[NDArray[Any]], make: Callable[[], Arrays]) -> Arrays:
+    def made_of(
+        self, stage: str, work: str, content: Sequence[NDArray[Any]], make: Callable[[], Arrays]
+    ) -> Arrays:
         """The arrays that this process makes of others, or that an earlier build made of the same.
 
-        Thread-safe.
-
-        Args:
-            work: the stage and the kind of work, with a slash between them.
-            content: all that decides the result, besides the code.
+        For one stage it is a ``MadeOf``.
         """
         digest = sha256()
         for array in content:
             digest.update(f"{array.dtype.str}{array.shape}".encode())
             digest.update(np.ascontiguousarray(array).view(np.uint8).data)
-        key = self.keys.key_of(work, {"content": digest.hexdigest()}, {})
+        key = self.keys.key_of(f"{stage}/{work}", {"content": digest.hexdigest()}, {})
         results = ChunkResults(self.executor.store)
         shared = None if self.executor.is_shared else self.shared
         if results.has(key) or (shared is not None and _bring(results, shared, key)):
@@ -329,7 +331,7 @@ class ChunkCache:
         made = make()
         results.put(key, made)
         if shared is not None:
-            _share(results, shared, work.partition("/")[0], key)
+            _share(results, shared, stage, key)
         return made
 
     def _taken_over(

@@ -37,6 +37,7 @@ SPARSE_M = 2.0  # between poses: then a cell is free that one of them saw so, ot
 MIN_CELL_M, MAX_CELL_M = 0.1, 0.25
 TILE_M = 64.0
 AT_ONCE = 16
+_BITS = 21  # of a brick's number along each axis, in its key
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,10 @@ def thinned(places: NDArray[np.float64]) -> NDArray[np.float64]:
 def merged(parts: Iterable[Arrays], needed: int) -> Arrays:
     """The bricks of all chunks with the ``bits`` of cells that at least one or two poses saw free."""
     found = list(parts)
-    brick, of_row = np.unique(np.concatenate([one["brick"] for one in found]), axis=0, return_inverse=True)
+    bricks = np.concatenate([one["brick"] for one in found])
+    x, y, z = bricks.astype(np.int64).T + (1 << _BITS - 1)
+    _, first, of_row = np.unique((x << 2 * _BITS) + (y << _BITS) + z, return_index=True, return_inverse=True)
+    brick = bricks[first]
     once = np.zeros((len(brick), 8, 2), np.int32)
     twice = np.zeros_like(once)
     start = 0

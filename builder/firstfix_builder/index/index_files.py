@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 from firstfix.descriptor import Descriptor
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.index import MAP_FILE, MapView
+from firstfix.engine.made_of import Arrays, MadeOf, always
 from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.retrieval.cascade import Cascade, Clusters, Templates, load_projection
 from firstfix.engine.retrieval.key_search import build_key_search
 from firstfix.engine.retrieval.template_tiles import TemplateTiles
 
-from ..execution.chunks import Arrays
 from ..mesh.mapped_array import mapped_scratch
 from .find_aliases import find_aliases
 from .kept_aliases import KeptAliases
 from .top_view import draw_preview
-from .visible_points import MadeOf, always, map_surface
+from .visible_points import map_surface
 
 AT_ONCE = 4096  # an eighth of a gigabyte of spectra
 
@@ -86,22 +86,31 @@ def write_index_files(
         cloud, look(templates.position_m), engine.registration.map_voxel_m, directory.parent, made_of
     )
     progress(0.7)
-    write_surface(directory, surface, engine, templates, provisional=provisional)
+    write_surface(directory, surface, engine, templates, provisional=provisional, made_of=made_of)
 
 
 def write_surface(
-    directory: Path, surface: Surface, engine: EngineConfig, templates: Templates, *, provisional: bool
+    directory: Path,
+    surface: Surface,
+    engine: EngineConfig,
+    templates: Templates,
+    *,
+    provisional: bool,
+    made_of: MadeOf = always,
 ) -> None:
     """Write the map's points, what scans are registered against, and the view of it.
 
     Args:
         provisional: draw no picture.
+        made_of: makes the parts of tiles, or takes them from an earlier build.
     """
     with ThreadPoolExecutor(1) as beside:
-        viewed = beside.submit(_write_view, directory, surface.points, engine, templates, provisional)
+        viewed = beside.submit(
+            _write_view, directory, surface.points, engine, templates, made_of, provisional=provisional
+        )
         if len(surface) > MAX_BESIDE:
             viewed.result()
-        MapSurface.of(surface, engine.registration).save(directory)
+        MapSurface.of(surface, engine.registration, made_of).save(directory)
         viewed.result()
 
 
@@ -110,9 +119,11 @@ def _write_view(
     points: NDArray[np.float32],
     engine: EngineConfig,
     templates: Templates,
+    made_of: MadeOf,
+    *,
     provisional: bool,
 ) -> None:
-    MapView.of(points, engine.verification.reach_m).save(directory)
+    MapView.of(points, engine.verification.reach_m, made_of).save(directory)
     np.save(directory / MAP_FILE, points)
     if not provisional:
         draw_preview(points, templates.position_m, directory / "preview.png")

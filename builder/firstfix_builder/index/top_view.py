@@ -13,6 +13,7 @@ from firstfix.bit_exact.sample import rows_by_chance
 from ..plot import RED, Plot
 
 PIXELS = 900  # along the longer side
+MAX_POINTS = 2_000_000
 _OPACITY = 0.45  # of one point: walls, with many points in a pixel, stand out
 
 
@@ -34,8 +35,10 @@ class TopView:
 
     @classmethod
     def of(cls, points: NDArray[np.floating]) -> TopView:
-        """View of (n, 3) points, one or more."""
+        """View of (n, 3) points, one or more. Of many points some by chance: a pixel needs few."""
         low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+        if len(points) > MAX_POINTS:
+            points = points[rows_by_chance(len(points), MAX_POINTS)]
         pixel_m = max(float((high - low).max()) / PIXELS, 1e-3)
         column, row = ((points[:, :2] - low) / pixel_m).astype(np.int64).T
         columns, rows = int(column.max()) + 1, int(row.max()) + 1

@@ -9,43 +9,29 @@ It is made block by block: in memory are a block and its neighbours' edges.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import pairwise, product
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from firstfix.engine.made_of import Arrays, MadeOf, always
 from firstfix.engine.registration.surface import Surface
 
-from ..execution.chunks import Arrays
 from ..execution.local_executor import in_turn
 from ..mesh.clean_cloud import voxel_means
 from ..mesh.map_tiles import by_tiles
-from .seen_voxels import BLOCK_M, SeenBlocks
+from .seen_voxels import BLOCK_M, SeenBlocks, mean_points
 from .views import STEP_M
 
 BORDER_M = 1.0  # of the neighbouring blocks, that normals at a border are taken from
 SEEN_WITHIN_M = 0.3  # of a mapped point: the mesh is not the cloud
 
 Block = tuple[int, int]
-
-
-class MadeOf(Protocol):
-    """Makes arrays of others, unless they were made before (``ChunkCache.made_of``)."""
-
-    def __call__(self, content: Sequence[NDArray[Any]], make: Callable[[], Arrays]) -> Arrays:
-        """The arrays that ``make`` returns: of the same content the same."""
-        ...
-
-
-def always(content: Sequence[NDArray[Any]], make: Callable[[], Arrays]) -> Arrays:
-    """Make the arrays (``MadeOf``)."""
-    return make()
 
 
 def map_surface(
@@ -61,20 +47,30 @@ def map_surface(
         cloud: (n, 3), or None: the map is a mesh.
         views: results of ``views.view_chunks``, one of which is in memory at a time.
         scratch: folder for passing files.
-        made_of: makes the normals of a block, or takes those of an earlier build with the same points there.
+        made_of: makes what is seen in a block and its normals, or takes those of an earlier build.
     """
     with TemporaryDirectory(dir=scratch) as folder:
         seen = SeenBlocks(Path(folder), STEP_M)
         for part in views:
             seen.add(part["voxels"])
+        looked = _Blocks(Path(folder), "seen", sorted(seen.blocks))
         if cloud is None:
-            points = _Blocks(Path(folder), "thin", sorted(seen.blocks))
-            points.fill(lambda block: voxel_means(seen.means(block), voxel_m))
+            looked.fill(lambda block: _seen(seen.voxels(block), voxel_m, made_of))
+            points = looked
         else:
-            looked = _Blocks(Path(folder), "seen", sorted(seen.blocks))
-            looked.fill(seen.means)
+            looked.fill(lambda block: _seen(seen.voxels(block), 0.0, made_of))
             points = _turned_cloud(voxel_means(np.asarray(cloud, np.float64), voxel_m), looked, Path(folder))
         return points.whole_surface(made_of)
+
+
+def _seen(voxels: NDArray[np.void], voxel_m: float, made_of: MadeOf) -> NDArray[np.float64]:
+    """(m, 6) points and directions of the seen voxels of a block, thinned to voxel_m; 0: all."""
+
+    def make() -> Arrays:
+        means = mean_points(voxels, STEP_M)
+        return {"points": voxel_means(means, voxel_m) if voxel_m else means}
+
+    return made_of("seen", [voxels.view(np.uint8), np.array([STEP_M, voxel_m])], make)["points"]
 
 
 def _turned_cloud(thin: NDArray[np.float64], looked: _Blocks, folder: Path) -> _Blocks:
@@ -129,7 +125,7 @@ class _Blocks:
             found = Surface.around(both[:, :3], both[:, 3:], two_faces=True).at(slice(0, len(own)))
             return {"points": found.points, "normals": found.normals, "oriented": found.oriented}
 
-        return Surface(**made_of([both, np.array(len(own))], make))
+        return Surface(**made_of("normals", [both, np.array(len(own))], make))
 
     def around(self, block: Block, border_m: float) -> NDArray[np.float64]:
         """The points of a block and of a border around it."""

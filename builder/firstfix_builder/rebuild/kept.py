@@ -15,7 +15,7 @@ from firstfix.engine.retrieval.cascade import Templates
 from .base_version import BaseVersion
 
 _log = logging.getLogger(__name__)
-MAX_CHANGED = 0.1  # share of the templates, of all changes since keys and calibration were learned
+MAX_CHANGED = 0.2  # share of the templates, of all changes since keys and calibration were learned
 DIFFERS = 0.1  # of the cells that a template had or has: with more in one alone, it has changed
 AT_ONCE = 4096
 TAUGHT_ANEW = "taught_anew"  # of a self-test's report: the calibration before did not hold

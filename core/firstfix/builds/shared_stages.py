@@ -12,8 +12,10 @@ that may be deleted at any time.
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import shutil
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path, PurePosixPath
@@ -71,6 +73,20 @@ class SharedStages:
             return False
         _log.debug("stage %s fetched: %d bytes", key[:12], sum(file.bytes for file in files))
         return True
+
+    def read(self, key: str) -> dict[str, bytes] | None:
+        """Read the files of a small stage by their names, each verified by its sha256.
+
+        Returns:
+            None if there is no such stage, or it cannot be used.
+        """
+        try:
+            return {file.name: self._verified(key, file) for file in self._files(key)}
+        except NotFound:
+            return None
+        except (FirstfixError, OSError) as error:
+            _log.warning("shared stage %s cannot be used: %s", key[:12], error)
+            return None
 
     def put(self, key: str, name: str, folder: Path) -> int:
         """Share a finished stage if possible. Returns the bytes that were sent."""
@@ -139,15 +155,24 @@ class SharedStages:
                 again once it is made again.
         """
         path.parent.mkdir(parents=True, exist_ok=True)
-        where = _key(stage, file.sha256)
-        try:
-            if self._store.download(where, path) == file.sha256:
+        with suppress(NotFound):
+            if self._store.download(_key(stage, file.sha256), path) == file.sha256:
                 return
-        except NotFound:
-            pass
+        raise self._damaged(stage, file)
+
+    def _verified(self, stage: str, file: _File) -> bytes:
+        """Read one file of a stage; raises as ``_download`` does."""
+        with suppress(NotFound):
+            content = self._store.get(_key(stage, file.sha256))
+            if hashlib.sha256(content).hexdigest() == file.sha256:
+                return content
+        raise self._damaged(stage, file)
+
+    def _damaged(self, stage: str, file: _File) -> CorruptVersion:
+        """Remove a stage of which a file is missing or damaged."""
         self._store.delete(_key(stage, RECORD))
-        self._store.delete(where)
-        raise CorruptVersion(f"{file.name} is missing or differs from its sha256")
+        self._store.delete(_key(stage, file.sha256))
+        return CorruptVersion(f"{file.name} is missing or differs from its sha256")
 
 
 def parse_stage(record: dict[str, Any]) -> dict[str, dict[str, Any]]:

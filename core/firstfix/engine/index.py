@@ -17,6 +17,7 @@ from ..transform import Matrix
 from .calibration import Calibration
 from .config import EngineConfig
 from .false_accept_bound import FalseAcceptBound
+from .made_of import MadeOf, always
 from .registration.align import MapSurface
 from .retrieval.alias_table import AliasTable
 from .retrieval.cascade import Cascade
@@ -57,14 +58,16 @@ class MapView:
     reach_m: float
 
     @classmethod
-    def of(cls, points: NDArray[np.floating], reach_m: float) -> MapView:
+    def of(cls, points: NDArray[np.floating], reach_m: float, made_of: MadeOf = always) -> MapView:
         """View of a map.
 
         Args:
             points: (m, 3) metres, of the map.
             reach_m: distance up to which surfaces are checked.
+            made_of: of ``PointTiles.of``.
         """
-        return cls(PointTiles.of(points, NEAR_VOXEL_M), PointTiles.of(points, FAR_VOXEL_M), reach_m)
+        near, far = (PointTiles.of(points, voxel_m, made_of) for voxel_m in (NEAR_VOXEL_M, FAR_VOXEL_M))
+        return cls(near, far, reach_m)
 
     def save(self, directory: Path) -> None:
         """Write a version's files."""

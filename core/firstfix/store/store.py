@@ -221,6 +221,17 @@ class Store:
         with translated(key):
             return int(obstore.head(self._backend, key)["size"])
 
+    def last_modified(self, key: str) -> datetime:
+        """When an object was last put, by the store's clock.
+
+        Raises:
+            NotFound: no such key.
+        """
+        check_key(key)
+        with translated(key):
+            found: datetime = obstore.head(self._backend, key)["last_modified"]
+            return found
+
     def exists(self, key: str) -> bool:
         """Whether there is an object under the key."""
         try:

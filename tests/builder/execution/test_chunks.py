@@ -269,7 +269,7 @@ def test_arrays_made_of_others_are_made_once_for_the_same_content(store: Store, 
             made.append(len(values))
             return {"twice": 2 * values}
 
-        return cache.made_of("build_index/double", [values], make)["twice"]
+        return cache.made_of("build_index", "double", [values], make)["twice"]
 
     values = np.arange(4, dtype=np.float32)
     assert double(values).tolist() == double(values.copy()).tolist() == [0, 2, 4, 6]

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from firstfix_builder.index import top_view
 from firstfix_builder.index.top_view import PIXELS, TopView
 
 
@@ -28,3 +29,19 @@ def test_pixels_tell_how_high_and_how_many_points_are_and_lie_where_they_are():
 def test_points_in_one_place_are_a_view():
     assert TopView.of(np.ones((3, 3))).height_m.tolist() == [[1.0]]
     assert np.isfinite(TopView.of(np.ones((3, 3))).opacity).all()
+
+
+def test_of_many_points_some_are_drawn_everywhere(monkeypatch):
+    points = np.random.default_rng(4).uniform([0, 0, 0], [90, 30, 2], (200_000, 3))
+    whole = TopView.of(points)
+    monkeypatch.setattr(top_view, "MAX_POINTS", 50_000)
+    some = TopView.of(points)
+    assert some.extent_m == pytest.approx(whole.extent_m, abs=2 * whole.pixel_m)
+    rows, columns = (min(one) for one in zip(some.opacity.shape, whole.opacity.shape, strict=True))
+    cells = [
+        view.opacity[: rows // 30 * 30, : columns // 30 * 30].reshape(rows // 30, 30, columns // 30, 30)
+        for view in (some, whole)
+    ]
+    drawn, full = ((one > 0).mean(axis=(1, 3)) for one in cells)
+    assert np.all(drawn > 0.1)
+    assert np.all(drawn < full)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from firstfix.engine.made_of import Arrays
 from firstfix.sensor import preset
-from firstfix_builder.execution.chunks import Arrays
 from firstfix_builder.index import seen_voxels as seen_voxels_module
 from firstfix_builder.index import visible_points as visible_points_module
-from firstfix_builder.index.seen_voxels import SeenBlocks
+from firstfix_builder.index.seen_voxels import SeenBlocks, mean_points
 from firstfix_builder.index.views import NEAR_M, STEP_M, view_chunks, views_in
 from firstfix_builder.index.visible_points import map_surface
 from firstfix_builder.mesh.mesh import Mesh
@@ -39,7 +39,7 @@ def seen_points(simulator: Simulator, viewpoints: np.ndarray, folder: Path) -> n
     seen = SeenBlocks(folder, STEP_M)
     for part in views_in(simulator, viewpoints, SENSOR):
         seen.add(part["voxels"])
-    return np.concatenate([seen.means(block) for block in sorted(seen.blocks)])
+    return np.concatenate([mean_points(seen.voxels(block), STEP_M) for block in sorted(seen.blocks)])
 
 
 def test_points_lie_on_what_is_seen_and_know_from_where(tmp_path):
@@ -151,7 +151,9 @@ def test_the_order_of_what_is_seen_does_not_matter(tmp_path):
         seen = SeenBlocks(tmp_path / name, STEP_M)
         for part in order:
             seen.add(part)
-        found.append(np.concatenate([seen.means(block) for block in sorted(seen.blocks)]))
+        found.append(
+            np.concatenate([mean_points(seen.voxels(block), STEP_M) for block in sorted(seen.blocks)])
+        )
     assert len(parts) > 2
     assert found[0].tobytes() == found[1].tobytes()
 
@@ -165,8 +167,8 @@ def test_only_blocks_near_a_change_get_their_normals_anew(monkeypatch: pytest.Mo
     kept: dict[bytes, Arrays] = {}
     made: list[int] = []
 
-    def made_of(content: Sequence[np.ndarray], make: Callable[[], Arrays]) -> Arrays:
-        key = b"".join(one.tobytes() for one in content)
+    def made_of(work: str, content: Sequence[np.ndarray], make: Callable[[], Arrays]) -> Arrays:
+        key = b"".join([work.encode(), *(one.tobytes() for one in content)])
         if key not in kept:
             kept[key] = make()
             made.append(1)

@@ -18,6 +18,7 @@ from ... import native
 from ...native import SLOW_M_S, SLOW_RAD_S
 from ...transform import Matrix
 from ..config import RegistrationConfig
+from ..made_of import MadeOf, always
 from ..ranking import RANKING, RankingConfig
 from .surface import Surface
 from .surface_grid import SurfaceGrid
@@ -127,15 +128,16 @@ class MapSurface:
     ranking: RankingConfig = RANKING
 
     @classmethod
-    def of(cls, surface: Surface, config: RegistrationConfig) -> MapSurface:
+    def of(cls, surface: Surface, config: RegistrationConfig, made_of: MadeOf = always) -> MapSurface:
         """Map surface from points with normals.
 
         Args:
             surface: thinned to about ``map_voxel_m``.
+            made_of: makes the parts of tiles, or takes those of an earlier build with the same surface there.
         """
         coarse = surface.thinned(config.coarse_voxel_m / 2)
-        fine = SurfaceGrid.of(surface, config.map_voxel_m)
-        return cls(config, fine, SurfaceGrid.of(coarse, config.coarse_voxel_m))
+        fine = SurfaceGrid.of(surface, config.map_voxel_m, made_of)
+        return cls(config, fine, SurfaceGrid.of(coarse, config.coarse_voxel_m, made_of))
 
     def save(self, directory: Path) -> None:
         """Write the grids to a version's files."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ... import native
 from ...scan.reduction import rows_by_voxel_hash
 from ...transform import Matrix
-from .chunked_x import chunked_x
+from .tile_rows import cells_a_tile, columns_of, tile_rows
 
 SAME_FRAME = np.eye(4)
 
@@ -95,8 +95,14 @@ class Surface:
         )
 
     def thinned(self, voxel_m: float) -> Surface:
-        """Surface of the mean point of every voxel, one for each main direction of its normals."""
-        return Surface.together([self.at(rows)._thinned(voxel_m) for rows in chunked_x(self.points, voxel_m)])
+        """Surface of the mean point of every voxel, one for each main direction of its normals.
+
+        Tile by tile, which takes little memory.
+        """
+        if not len(self):
+            return self
+        tiles = tile_rows(columns_of(self.points, voxel_m), cells_a_tile(voxel_m))
+        return Surface.together([self.at(one.rows)._thinned(voxel_m) for one in tiles])
 
     def _thinned(self, voxel_m: float) -> Surface:
         points, normals, oriented = native.thin_surface(self.points, self.normals, self.oriented, voxel_m)

@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 
 from ... import native
 from ..array_file import map_arrays, save_arrays
-from .other_faces import other_faces
+from ..made_of import MadeOf, always
 from .surface import Surface
-from .surface_grid_build import CellsOf, nearest_points, tables_around
+from .surface_grid_build import GridFrame, grid_tables
+
+PART = 1 << 20  # points at once
 
 
 @dataclass(frozen=True)
@@ -72,19 +74,31 @@ class SurfaceGrid:
         )
 
     @classmethod
-    def of(cls, surface: Surface, cell_m: float) -> SurfaceGrid:
-        """Grid of a surface."""
-        behind = other_faces(surface, 2 * cell_m)  # first: it takes much memory for itself
-        cells = CellsOf.points(surface.points, cell_m)
+    def of(cls, surface: Surface, cell_m: float, made_of: MadeOf = always) -> SurfaceGrid:
+        """Grid of a surface.
+
+        Args:
+            made_of: makes the part of a tile, or takes that of an earlier build with the same surface there.
+        """
+        frame = GridFrame.of(surface.points, cell_m)
         planes = np.empty((len(surface), 4), np.float32)
         planes[:, :3] = surface.normals
-        for rows in cells.parts():
-            away = surface.points[rows] - cells.corner
+        for start in range(0, len(surface), PART):
+            rows = slice(start, start + PART)
+            away = surface.points[rows] - frame.corner
             planes[rows, 3] = np.einsum("ij,ij->i", surface.normals[rows], away)
-        group, block = tables_around(cells)
-        point = nearest_points(cells, group, block)
+        made = grid_tables(surface, frame, made_of)
         cell = np.array([cell_m], np.float32)
-        return cls(cell, cells.corner, planes, surface.oriented, behind, group, block, point)
+        return cls(
+            cell,
+            frame.corner,
+            planes,
+            surface.oriented,
+            made.other_face,
+            made.group,
+            made.block,
+            made.point,
+        )
 
     def nearest(self, points: NDArray[np.float32]) -> NDArray[np.int32]:
         """Rows (n,) of the surface near (n, 3) positions relative to the corner; -1: none."""

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ... import native
 from ...scan.reduction import voxel_means
 from ..array_file import map_arrays, save_arrays
-from ..registration.chunked_x import chunked_x
+from ..made_of import MadeOf, always
+from ..registration.tile_rows import cells_a_tile, columns_of, tile_rows
 from ..retrieval.tile_table import runs_around, tile_table
 
 
@@ -43,9 +44,19 @@ class PointTiles:
         return native.PointTiles(self.points, self.begin, self.low)
 
     @classmethod
-    def of(cls, points: NDArray[np.floating], voxel_m: float) -> PointTiles:
-        """Tiles of (n, 3) points, thinned to one point a voxel."""
-        thinned = np.concatenate([voxel_means(points[rows], voxel_m) for rows in chunked_x(points, voxel_m)])
+    def of(cls, points: NDArray[np.floating], voxel_m: float, made_of: MadeOf = always) -> PointTiles:
+        """Tiles of (n, 3) points, thinned to one point a voxel.
+
+        Args:
+            made_of: thins the points of a part of the map, or takes what an earlier build made of them.
+        """
+
+        def means(part: NDArray[np.floating]) -> NDArray[np.float64]:
+            content = [part, np.array(voxel_m)]
+            return made_of("view", content, lambda: {"points": voxel_means(part, voxel_m)})["points"]
+
+        tiles = tile_rows(columns_of(points, voxel_m), cells_a_tile(voxel_m))
+        thinned = np.concatenate([means(points[one.rows]) for one in tiles])
         order, begin, low = tile_table(thinned)
         return cls(thinned[order].astype(np.float32), begin, low)
 

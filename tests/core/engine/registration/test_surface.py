@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from firstfix.engine.registration import chunked_x as chunked_x_module
-from firstfix.engine.registration.chunked_x import chunked_x
+from firstfix.engine.registration import tile_rows as tile_rows_module
 from firstfix.engine.registration.surface import Surface
+from firstfix.engine.registration.tile_rows import columns_of, tile_rows
 from firstfix.engine.verification.point_tiles import PointTiles
 from firstfix.transform import make_transform, rotation_z
 
@@ -90,35 +90,48 @@ RNG = np.random.default_rng(3)
 POINTS = RNG.uniform([-40, -20, 0], [35, 20, 4], (20_000, 3)).astype(np.float32)
 
 
-@pytest.fixture(params=[1, 700, 5000])
-def few(request, monkeypatch):
-    monkeypatch.setattr(chunked_x_module, "MAX_POINTS", request.param)
-    return request.param
+@pytest.mark.parametrize(("side", "border"), [(7, 2), (16, 0), (3, 3), (400, 1)])
+def test_a_tile_has_its_own_points_and_those_in_the_border_around_it(side: int, border: int):
+    column = columns_of(POINTS, 0.5)
+    seen = []
+    for one in tile_rows(column, side, border):
+        low = np.array(one.tile) * side
+        inside = ((column >= low) & (column < low + side)).all(axis=1)
+        around = ((column >= low - border) & (column < low + side + border)).all(axis=1)
+        assert np.array_equal(one.rows, np.flatnonzero(around))
+        assert np.array_equal(one.own, inside[one.rows])
+        seen.append(one.tile)
+    assert seen == sorted(set(seen))
+    tiles = {tuple(tile) for tile in (column // side).tolist()}
+    assert tiles <= set(seen)
+    assert border or tiles == set(seen)
 
 
-def test_slabs_are_whole_voxels_in_order(few):
-    parts = [POINTS[rows] for rows in chunked_x(POINTS, 0.5)]
-    assert sum(map(len, parts)) == len(POINTS)
-    layers = [np.unique(np.floor(part[:, 0] / 0.5)) for part in parts]
-    assert (np.diff(np.concatenate(layers)) > 0).all()
-    assert all(len(part) <= few or len(own) == 1 for part, own in zip(parts, layers, strict=True))
+def test_no_points_have_no_tile():
+    assert list(tile_rows(np.zeros((0, 2), np.int64), 5, 1)) == []
 
 
-def test_a_surface_is_thinned_the_same(few, monkeypatch):
+@pytest.fixture(params=[1.0, 9.0])
+def small_tiles(request, monkeypatch):
+    monkeypatch.setattr(tile_rows_module, "TILE_M", request.param)
+
+
+def test_a_surface_is_thinned_the_same(small_tiles, monkeypatch):
     normals = RNG.normal(size=POINTS.shape).astype(np.float32)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     surface = Surface(POINTS, normals, RNG.random(len(POINTS)) < 0.7)
     found = surface.thinned(0.8)
-    monkeypatch.setattr(chunked_x_module, "MAX_POINTS", 1_000_000)
+    monkeypatch.setattr(tile_rows_module, "TILE_M", 1000.0)
     whole = surface.thinned(0.8)
-    assert np.array_equal(found.points, whole.points)
-    assert np.array_equal(found.normals, whole.normals)
-    assert np.array_equal(found.oriented, whole.oriented)
+    mine, theirs = (np.lexsort((*one.normals.T, *one.points.T)) for one in (found, whole))
+    assert np.array_equal(found.points[mine], whole.points[theirs])
+    assert np.array_equal(found.normals[mine], whole.normals[theirs])
+    assert np.array_equal(found.oriented[mine], whole.oriented[theirs])
 
 
-def test_tiles_hold_the_same_points(few, monkeypatch):
+def test_tiles_hold_the_same_points(small_tiles, monkeypatch):
     found = PointTiles.of(POINTS, 0.4)
-    monkeypatch.setattr(chunked_x_module, "MAX_POINTS", 1_000_000)
+    monkeypatch.setattr(tile_rows_module, "TILE_M", 1000.0)
     whole = PointTiles.of(POINTS, 0.4)
     assert np.array_equal(found.begin, whole.begin)
     assert np.array_equal(*(one.points[np.lexsort(one.points.T)] for one in (found, whole)))

@@ -1,10 +1,12 @@
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from firstfix.engine.registration import surface_grid_build
+from firstfix.engine.made_of import Arrays
+from firstfix.engine.registration import surface_grid_build, tile_rows
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 
@@ -89,15 +91,55 @@ def test_a_loaded_grid_finds_the_same(grid, tmp_path):
     assert np.array_equal(again.planes, grid.grid.planes)
 
 
-def test_slabs_and_parts_make_no_difference(monkeypatch):
-    surface = surface_of(np.random.default_rng(10).uniform([-30, 2, -1], [25, 9, 2], (4000, 3)))
+def facing(points: np.ndarray, seed: int) -> Surface:
+    """Surface of points whose normals face six ways, most of them known."""
+    rng = np.random.default_rng(seed)
+    normals = np.float32([[0, 0, 1], [0, 0, -1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    return Surface(
+        points.astype(np.float32), normals[rng.integers(0, 6, len(points))], rng.random(len(points)) < 0.8
+    )
+
+
+@pytest.mark.parametrize("tile_m", [1.0, 7.0, 20.0])
+def test_tiles_make_no_difference(tile_m: float, monkeypatch: pytest.MonkeyPatch):
+    surface = facing(np.random.default_rng(10).uniform([-30, 2, -1], [25, 9, 2], (9000, 3)), 12)
+    monkeypatch.setattr(tile_rows, "TILE_M", 1000.0)
     whole = SurfaceGrid.of(surface, CELL_M)
-    for slots, part in ((1, 37), (1 << 13, 1 << 20), (1 << 15, 500)):
-        monkeypatch.setattr(surface_grid_build, "MAX_SLOTS", slots)
-        monkeypatch.setattr(surface_grid_build, "PART", part)
-        again = SurfaceGrid.of(surface, CELL_M)
+    assert np.mean(whole.other_face >= 0) > 0.1
+    monkeypatch.setattr(tile_rows, "TILE_M", tile_m)
+    again = SurfaceGrid.of(surface, CELL_M)
+    for field in fields(SurfaceGrid):
+        assert np.array_equal(getattr(again, field.name), getattr(whole, field.name)), field.name
+
+
+class Remembered:
+    """Makes each piece once (``MadeOf``), and counts those that it makes."""
+
+    def __init__(self) -> None:
+        self.made = 0
+        self._known: dict[tuple[bytes, ...], Arrays] = {}
+
+    def __call__(self, work: str, content: Sequence[np.ndarray], make: Callable[[], Arrays]) -> Arrays:
+        key = (work.encode(), *(one.tobytes() for one in content))
+        if key not in self._known:
+            self.made += 1
+            self._known[key] = {name: array.copy() for name, array in make().items()}
+        return dict(self._known[key])
+
+
+def test_of_a_change_only_the_tiles_around_it_are_made_again():
+    points = np.random.default_rng(13).uniform([-150, 2, -1], [150, 9, 2], (20_000, 3))
+    moved = points.copy()
+    moved[np.abs(points[:, 0] - 20) < 2, 2] += 0.1
+    remembered = Remembered()
+    SurfaceGrid.of(facing(points, 1), CELL_M, remembered)
+    tiles, remembered.made = remembered.made, 0
+    assert tiles >= 8
+    for changed, least, most in ((points, 0, 0), (moved, 1, 2)):
+        found, whole = (SurfaceGrid.of(facing(changed, 1), CELL_M, *how) for how in ([remembered], []))
+        assert least <= remembered.made <= most
         for field in fields(SurfaceGrid):
-            assert np.array_equal(getattr(again, field.name), getattr(whole, field.name)), field.name
+            assert np.array_equal(getattr(found, field.name), getattr(whole, field.name)), field.name
 
 
 def test_a_kilometre_takes_little_more_than_its_surface():
