@@ -23,6 +23,7 @@ from tests.cpp.cpp_build import Build
 from tests.cpp.printed_answers import (
     EXIT_CODES,
     PROGRAM,
+    UNEXPLAINED,
     in_time,
     noise,
     printed,
@@ -64,13 +65,15 @@ def test_scans_along_a_way_are_answered_as_by_a_service(
         path.write_bytes(body)
         up, at = poses[-1][2, :3], small_scans[0][1][:3, 3]
         for options in (
-            ({}, None),
+            {},
             {"gravity": ",".join(repr(float(-v)) for v in up)},
             {"prior": ",".join(repr(float(v)) for v in (*at, 4.0))},
             {"twist": "0.3,0,0,0,0,0.2"} if name.endswith("in time") else {"max_candidates": "5"},
         ):
             answer = localizer.localize(decode_scans(body), LocalizeOptions.from_strings(options))
-            done = on_board.run(PROGRAM, folder, path, *(f"{key}={value}" for key, value in options.items()))
+            done = on_board.run(
+                PROGRAM, folder, path, UNEXPLAINED, *(f"{key}={value}" for key, value in options.items())
+            )
             assert same(printed(done), answer), (name, options)
             verdicts.add(answer.verdict.value)
     assert verdicts >= {"localized", "rejected"}
@@ -91,7 +94,7 @@ def test_compact_scans_are_answered_as_by_a_service(
             for options in ({}, {"twist": "0.3,0,0,0,0,0.2"} if number == 2 else {"max_candidates": "5"}):
                 answer = localizer.localize(decode_query(body), LocalizeOptions.from_strings(options))
                 done = on_board.run(
-                    PROGRAM, folder, path, *(f"{key}={value}" for key, value in options.items())
+                    PROGRAM, folder, path, UNEXPLAINED, *(f"{key}={value}" for key, value in options.items())
                 )
                 assert same(printed(done), answer), (number, options)
                 localized += answer.verdict.value == "localized"
