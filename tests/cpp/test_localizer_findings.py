@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
+from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.decode import decode_query
 from firstfix.engine.diagnosis import diagnose
 from firstfix.engine.index import MapIndex
@@ -140,23 +141,16 @@ def test_a_robot_on_its_back_is_told(on_board: Build, version_folder: Path, smal
 def test_no_input_is_read_beyond_its_end(
     sanitised_on_board: Build, version_folder: Path, right: RightScan, tmp_path: Path
 ):
-    """Scans of strangers, tried in all forms, under sanitizers."""
+    """Scans of strangers, thinned, tried in other forms under sanitizers."""
     path, rng = tmp_path / "scan.f32", np.random.default_rng(8)
-    some = right.points[rng.random(len(right.points)) < 0.2]
+    some = right.points[rows_by_chance(len(right.points), 1500)]
     tried = [points_of(wrong.content(right)) for wrong in WRONG_INPUTS]
-    tried += [
-        some * [1, -1, 1],
-        some.astype("<f4"),
-        np.full((600, 3), 1e-38),
-        np.repeat(some[:1], 600, axis=0),
-    ]
+    tried += [some, np.full((600, 3), 1e-38), np.repeat(some[:1], 600, axis=0)]
     tried.append(np.where(rng.random(some.shape) < 0.1, [[np.nan, np.inf, 3e38]], some))
     for points in tried:
-        if points is None or len(points) > len(right.points):
+        if points is None:
             continue
-        path.write_bytes(np.asarray(points, "<f4").tobytes())
-        for options in ((), ("gravity=0,0,9.81", "prior=0,0,0,1")):
-            done = sanitised_on_board.run(
-                PROGRAM, version_folder, path, "max_candidates=2", "explaining=2", *options
-            )
-            assert done.returncode in EXIT_CODES.values(), done.stderr
+        path.write_bytes(np.asarray(points[rows_by_chance(len(points), 1500)], "<f4").tobytes())
+        asked = ("max_candidates=2", "explaining=2", "gravity=0,0,9.81", "prior=0,0,0,1")
+        done = sanitised_on_board.run(PROGRAM, version_folder, path, *asked)
+        assert done.returncode in EXIT_CODES.values(), done.stderr

@@ -83,10 +83,9 @@ void print(const char* name, const firstfix::Pose& pose) {
 
 int print(const firstfix::Localization& fix) {
   constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-  constexpr const char* kVerdicts[] = {"localized", "ambiguous", "rejected"};
   constexpr int kCodes[] = {0, 3, 4};
   const auto verdict = static_cast<std::size_t>(fix.verdict);
-  std::printf("verdict %s\nprobability %.17g\n", kVerdicts[verdict], fix.probability);
+  std::printf("verdict %s\nprobability %.17g\n", firstfix::text_of(fix.verdict), fix.probability);
   if (!fix.map_id.empty()) std::printf("map %s\n", fix.map_id.c_str());
   for (const std::string& reason : fix.reasons) std::printf("reason %s\n", reason.c_str());
   for (const firstfix::Finding& one : fix.findings) std::fprintf(stderr, "%s: %s %s\n", one.code.c_str(), one.text.c_str(), one.remedy.c_str());
