@@ -42,6 +42,7 @@ def generated() -> dict[Path, str]:
         **_between(MAPS_PAGE, FINDINGS_HEAD, _findings(map_kinds), "\n"),
         **_between("clients/PROTOCOL.md", "| scan encoding | media type |\n|---|---|\n", formats, "\n"),
         **_figures(),
+        REPO / "clients/cpp/src/version/finding_kinds.hpp": _finding_kinds(),
         REPO / "clients/python/firstfix_client/async_calls.py": _asynchronous_calls(),
         **_between(
             "plugins/console/page/src/scan/media.ts",
@@ -50,6 +51,24 @@ def generated() -> dict[Path, str]:
             "};\n",
         ),
     }
+
+
+def _finding_kinds() -> str:
+    """The kinds of findings of scans, for robots that localize in C++."""
+    rows = "".join(
+        f"    {{{json.dumps(kind.code)}, {json.dumps(kind.severity.value)},\n"
+        f"     {json.dumps(kind.text)},\n"
+        f"     {json.dumps(kind.remedy)}}},\n"
+        for kind in kinds_of(scan_kinds)
+    )
+    return (
+        "// Kinds of findings of scans: scripts/generate.py makes them of firstfix.findings.scan_kinds.\n"
+        "#pragma once\n\nnamespace firstfix::version {\n\n"
+        "// text, remedy: with the names of numbers and words in braces, as for Python's str.format.\n"
+        "struct FindingKind {\n  const char *code, *severity, *text, *remedy;\n};\n\n"
+        f"constexpr const char* kFindingsPage = {json.dumps(scan_kinds.PAGE)};\n"
+        f"constexpr FindingKind kFindingKinds[] = {{\n{rows}}};\n\n}}  // namespace firstfix::version\n"
+    )
 
 
 def _asynchronous_calls() -> str:

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from firstfix.answer.localization import Localization
-from firstfix.engine.diagnosis.place_findings import reasons_found
 from firstfix.scan.scan import Scan
 from firstfix.transform import quaternion_of
 from firstfix.wire.scan import encode_scan
 
 PROGRAM = "firstfix_localize_here"
+UNEXPLAINED = "explaining=0"  # no other forms of a scan are tried: how many are, its time decides
 EXIT_CODES = {"localized": 0, "ambiguous": 3, "rejected": 4}
 
 
@@ -26,12 +26,14 @@ def lines_of(answer: Localization) -> list[tuple[str, list[str], list[float]]]:
         ("verdict", [answer.verdict.value], []),
         ("probability", [], [answer.probability]),
     ]
+    named = [answer.map_id] if answer.map_id else []  # of several maps
+    lines += [("map", named, [])] if named else []
     lines += [("reason", [reason.value], []) for reason in answer.reasons]
     if answer.T_map_sensor is not None and answer.covariance is not None:
         lines.append(("T_map_sensor", [], pose_of(answer.T_map_sensor)))
         lines.append(("covariance", [], answer.covariance.ravel().tolist()))
     if answer.T_map_base is not None:
-        lines.insert(3 + len(answer.reasons), ("T_map_base", [], pose_of(answer.T_map_base)))
+        lines.insert(3 + len(named), ("T_map_base", [], pose_of(answer.T_map_base)))
     if answer.twist is not None:
         lines.append(("twist", [], answer.twist.tolist()))
     for free in answer.degenerate:
@@ -41,7 +43,11 @@ def lines_of(answer: Localization) -> list[tuple[str, list[str], list[float]]]:
         assert fit is not None
         shares = [fit.inlier_ratio, fit.alignment_score, fit.free_space_violation, fit.removed_surface]
         shares += [math.nan if fit.seen_free is None else fit.seen_free, float(one.template)]
-        lines.append(("hypothesis", [], [one.probability, *shares, *pose_of(one.T_map_sensor)]))
+        of_map = [one.map_id] if one.map_id else []
+        lines.append(("hypothesis", of_map, [one.probability, *shares, *pose_of(one.T_map_sensor)]))
+    assert answer.scan is not None
+    facts = answer.scan.to_mapping().values()
+    lines.append(("scan", [], [math.nan if fact is None else float(fact) for fact in facts]))
     return lines
 
 
@@ -66,7 +72,13 @@ def same(found: list[tuple[str, list[str], list[float]]], answer: Localization) 
     wanted = lines_of(answer)
     if [line[:2] for line in found] != [line[:2] for line in wanted]:
         return False
-    return all(np.array_equal(a[2], b[2], equal_nan=True) for a, b in zip(found, wanted, strict=True))
+    return all(
+        # how thick a scan is over its breadth is rounded in another order: 1e-8 of a flat one is 0
+        np.allclose(a[2], b[2], rtol=1e-9, atol=1e-6, equal_nan=True)
+        if a[0] == "scan"
+        else np.array_equal(a[2], b[2], equal_nan=True)
+        for a, b in zip(found, wanted, strict=True)
+    )
 
 
 def written(scan: Scan, path: Path) -> Path:
@@ -94,5 +106,5 @@ def noise(_: Scan) -> Scan:
 
 
 def findings_of(answer: Localization) -> str:
-    """The findings as the program prints them, with which it says why a scan is not localized."""
-    return "".join(f"{one.code}: {one.text} {one.remedy}\n" for one in reasons_found(answer))
+    """The findings as the program prints them."""
+    return "".join(f"{one.code}: {one.text} {one.remedy}\n" for one in answer.findings)

@@ -253,18 +253,28 @@ def test_it_is_found_where_it_was_installed(optimised: Build, tmp_path: Path):
     subprocess.run(["cmake", "--install", optimised.folder, "--prefix", tmp_path / "prefix"], check=True)
     (tmp_path / "CMakeLists.txt").write_text(
         "cmake_minimum_required(VERSION 3.16)\nproject(robot CXX)\nfind_package(firstfix REQUIRED)\n"
-        "add_executable(robot robot.cpp)\ntarget_link_libraries(robot firstfix::client firstfix::version)\n"
+        "add_executable(asking asking.cpp)\ntarget_link_libraries(asking firstfix::client)\n"
+        "add_executable(on_board on_board.cpp)\n"
+        "target_link_libraries(on_board firstfix::version firstfix::encoding)\n"
     )
-    (tmp_path / "robot.cpp").write_text(
-        "#include <firstfix/client.hpp>\n#include <firstfix/version/localizer.hpp>\nint main() {\n"
-        '  firstfix::Client client("http://localhost:8080");\n'
-        '  try { firstfix::Localizer here("/none"); } catch (const firstfix::Error& error) {\n'
-        '    return error.code() == "not_found" ? 0 : 1;\n  }\n  return 1;\n}\n'
+    (tmp_path / "asking.cpp").write_text(
+        "#include <firstfix/client.hpp>\nint main() {\n"
+        '  firstfix::Client client("http://localhost:8080");\n  return 0;\n}\n'
+    )
+    (tmp_path / "on_board.cpp").write_text(
+        "#include <firstfix/ros/point_cloud2.hpp>\n#include <firstfix/version/localizer.hpp>\n"
+        "#include <cstdio>\nint main() {\n  try {\n"
+        '    const firstfix::Localizer here({{"hall", "/none"}, {"yard", "/none"}});\n'
+        "    const firstfix::Localization fix = here.localize(firstfix::ros::read_point_cloud2({}).scan);\n"
+        "    return std::puts(firstfix::text_of(fix.verdict));\n"
+        "  } catch (const firstfix::Error& error) {\n"
+        '    return error.code() == "not_found" ? 0 : 1;\n  }\n}\n'
     )
     for command in (
         ["cmake", "-S", tmp_path, "-B", tmp_path / "made", f"-DCMAKE_PREFIX_PATH={tmp_path / 'prefix'}"],
         ["cmake", "--build", tmp_path / "made"],
-        [tmp_path / "made" / "robot"],
+        [tmp_path / "made" / "asking"],
+        [tmp_path / "made" / "on_board"],
     ):
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import math
-import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
-from firstfix.answer.quality import AlignmentQuality
-from firstfix.engine.diagnosis.place_findings import reasons_found
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.errors import InvalidOption
 from firstfix.scan.scan import Scan
 from firstfix.scan_file import read_scan_file
 from firstfix.wire.scan import decode_scan
-from tests.cpp.cpp_build import REPO, Build
+from tests.cpp.cpp_build import Build
 from tests.cpp.printed_answers import (
     PROGRAM,
+    UNEXPLAINED,
     findings_of,
     in_time,
     lines_of,
@@ -50,7 +46,7 @@ def test_it_answers_as_a_service_does(on_board: Build, folder: Path, small_scans
     for number, (scan, _) in enumerate(small_scans[:3]):
         path = written(FORMS[form](scan), tmp_path / f"{number}.ffscan")
         answer = localizer.localize(decode_scan(path.read_bytes()))
-        done = on_board.run(PROGRAM, folder, path)
+        done = on_board.run(PROGRAM, folder, path, UNEXPLAINED)
         assert same(printed(done), answer)
         assert done.stderr == findings_of(answer)
         assert answer.verdict.value != "localized" or form not in ("noise", "too few")
@@ -76,7 +72,9 @@ def test_options_are_those_of_a_service(on_board: Build, folder: Path, small_sca
         {"T_base_sensor": "0.1,0,0.5,0,0,0.1,0.99"},
     ):
         answer = localizer.localize(sent, LocalizeOptions.from_strings(asked))
-        done = on_board.run(PROGRAM, folder, path, *(f"{name}={value}" for name, value in asked.items()))
+        done = on_board.run(
+            PROGRAM, folder, path, UNEXPLAINED, *(f"{name}={value}" for name, value in asked.items())
+        )
         assert same(printed(done), answer), asked
         assert done.stderr == findings_of(answer)
         verdicts.add(answer.verdict.value)
@@ -135,21 +133,6 @@ def test_words_that_are_no_option_are_refused(on_board: Build, folder: Path, sca
         assert (done.returncode, "invalid_option: " in done.stderr) == (1, True), (wrong, done.stderr)
 
 
-def test_reasons_are_told_in_the_words_of_a_service(tmp_path: Path):
-    """All reasons are compared, as few are met by scans of the tests."""
-    texts = (REPO / "clients/cpp/src/version/reason_finding.cpp").read_text()
-    quality = AlignmentQuality(0.5, 0.5, 0.25, 0.0, None)
-    for reason in Reason:
-        verdict = Verdict.AMBIGUOUS if reason is Reason.SEVERAL_PLACES else Verdict.REJECTED
-        place = Hypothesis(np.eye(4), quality, 0.25, 0)
-        for found in reasons_found(Localization(verdict, (reason,), probability=0.25, hypotheses=(place,))):
-            words = re.split(r"\d[\d.]*%?", found.text)
-            told = reason is not Reason.NOT_REGISTERED  # of a descriptor alone
-            assert all(
-                (word in texts) is told for word in (f'"{found.code}"', *words, found.remedy) if word
-            ), found
-
-
 def test_a_deadline_ends_the_search_of_a_hard_scan(
     on_board: Build, folder: Path, small_scans, tmp_path: Path
 ):
@@ -158,7 +141,7 @@ def test_a_deadline_ends_the_search_of_a_hard_scan(
     path = written(noise(small_scans[0][0]), tmp_path / "noise.ffscan")
     scan = decode_scan(path.read_bytes())
     in_haste = localizer.localize(scan, deadline=-math.inf)
-    assert same(printed(on_board.run(PROGRAM, folder, path, "deadline_ms=1")), in_haste)
+    assert same(printed(on_board.run(PROGRAM, folder, path, UNEXPLAINED, "deadline_ms=1")), in_haste)
     assert lines_of(in_haste) != lines_of(localizer.localize(scan))
 
 
@@ -171,6 +154,9 @@ def test_it_answers_as_a_service_does_in_a_real_hall(on_board: Build, hall_direc
         for form in ("as it is", "upside down", "of one side"):
             again = written(FORMS[form](scan), tmp_path / "scan.ffscan")
             answer = localizer.localize(decode_scan(again.read_bytes()))
-            assert same(printed(on_board.run(PROGRAM, hall_directory, again)), answer), (path.name, form)
+            assert same(printed(on_board.run(PROGRAM, hall_directory, again, UNEXPLAINED)), answer), (
+                path.name,
+                form,
+            )
             verdicts.append(answer.verdict.value)
     assert verdicts.count("localized") >= len(verdicts) / 3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
+from firstfix.errors import InvalidScan
 from firstfix.scan.condense import condense, describe
 from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
@@ -19,7 +21,9 @@ from firstfix.wire.query import decode_query, encode_query
 from firstfix.wire.sequence import decode_scans, encode_scans
 from tests.cpp.cpp_build import Build
 from tests.cpp.printed_answers import (
+    EXIT_CODES,
     PROGRAM,
+    UNEXPLAINED,
     in_time,
     noise,
     printed,
@@ -67,7 +71,9 @@ def test_scans_along_a_way_are_answered_as_by_a_service(
             {"twist": "0.3,0,0,0,0,0.2"} if name.endswith("in time") else {"max_candidates": "5"},
         ):
             answer = localizer.localize(decode_scans(body), LocalizeOptions.from_strings(options))
-            done = on_board.run(PROGRAM, folder, path, *(f"{key}={value}" for key, value in options.items()))
+            done = on_board.run(
+                PROGRAM, folder, path, UNEXPLAINED, *(f"{key}={value}" for key, value in options.items())
+            )
             assert same(printed(done), answer), (name, options)
             verdicts.add(answer.verdict.value)
     assert verdicts >= {"localized", "rejected"}
@@ -88,11 +94,44 @@ def test_compact_scans_are_answered_as_by_a_service(
             for options in ({}, {"twist": "0.3,0,0,0,0,0.2"} if number == 2 else {"max_candidates": "5"}):
                 answer = localizer.localize(decode_query(body), LocalizeOptions.from_strings(options))
                 done = on_board.run(
-                    PROGRAM, folder, path, *(f"{key}={value}" for key, value in options.items())
+                    PROGRAM, folder, path, UNEXPLAINED, *(f"{key}={value}" for key, value in options.items())
                 )
                 assert same(printed(done), answer), (number, options)
                 localized += answer.verdict.value == "localized"
     assert localized >= 3
+
+
+def test_poses_of_an_odometry_have_the_limits_of_a_service(
+    on_board: Build, folder: Path, small_scans, tmp_path: Path
+):
+    """A pose that is too far from its frame's origin, from the last one, or no pose."""
+    scan, path = small_scans[0][0], tmp_path / "way.ffscan"
+    poses = [np.eye(4), np.eye(4)]
+    poses[0][:3, 3], poses[1][:3, 3] = (1.25, 2.25, 3.25), (4.25, 5.25, 6.25)
+    body = encode_scans([scan, scan], poses)
+    for changes, says in (
+        ({}, None),
+        ({1.25: 1.5e8}, "pose 0 of the sequence lies beyond 1e.08 m"),
+        ({1.25: 1e8, 4.25: 1e8}, None),
+        ({1.25: -1.5e8, 4.25: -1.5e8}, "pose 0"),
+        ({5.25: 1.1e8, 2.25: 1.1e8}, "pose 0"),
+        ({3.25: 1e308, 6.25: 1e308}, "pose 0"),
+        ({1.25: 1010.0}, "over 1000 m from the last"),
+        ({6.25: 1e7}, "over 1000 m from the last"),
+    ):
+        changed = body
+        for one, other in changes.items():
+            assert body.count(struct.pack("<d", one)) == 1
+            changed = changed.replace(struct.pack("<d", one), struct.pack("<d", other))
+        path.write_bytes(changed)
+        done = on_board.run(PROGRAM, folder, path)
+        if says is None:
+            decode_scans(changed)
+            assert done.returncode in EXIT_CODES.values(), done.stderr
+            continue
+        with pytest.raises(InvalidScan, match=says) as refused:
+            decode_scans(changed)
+        assert (done.returncode, done.stderr) == (1, f"{PROGRAM}: invalid_scan: {refused.value}\n"), changes
 
 
 def test_a_descriptor_alone_is_for_a_service(on_board: Build, folder: Path, small_scans, tmp_path: Path):

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from firstfix.scan.condense import condense
@@ -14,6 +15,7 @@ from firstfix.wire.sequence import encode_scans
 from tests.cpp.cpp_build import REPO, Build, build
 from tests.needs import needs, recorded
 from tests.once_a_run import OnceARun
+from tests.ros_samples import cdr, cloud
 from tests.waiting import LIMIT_S
 
 pytestmark = pytest.mark.slow
@@ -69,6 +71,28 @@ def test_it_answers_to_the_last_bit(
         there, here = run_on_arm(on_arm, version_folder, path), on_board.run(PROGRAM, version_folder, path)
         assert here.stdout.startswith("verdict localized"), here.stderr
         assert (there.stdout, there.returncode) == (here.stdout, here.returncode), there.stderr
+
+
+def test_messages_maps_and_findings_are_the_same(
+    on_arm: Path, on_board: Build, version_folder: Path, small_scans, tmp_path: Path
+):
+    """A PointCloud2 in both byte orders, two maps on board, and a scan whose cause is sought."""
+    scan, _ = small_scans[0]
+    made = np.zeros(len(scan), [("x", "f4"), ("y", "f4"), ("z", "f4"), ("t", "u4")])
+    for number, axis in enumerate("xyz"):
+        made[axis] = scan.points[:, number]
+    made["t"] = np.linspace(0, 1e8, len(scan))
+    mirrored = made.copy()
+    mirrored["y"] = -mirrored["y"]
+    swapped = made.astype(made.dtype.newbyteorder(">"))
+    path, maps = tmp_path / "scan.cdr", f"yard={version_folder},copy={version_folder}"
+    for message, folder in ((made, version_folder), (swapped, maps), (mirrored, version_folder)):
+        path.write_bytes(cdr(cloud(message), little_endian=message is not swapped))
+        there = run_on_arm(on_arm, folder, path, "explaining=inf")
+        here = on_board.run(PROGRAM, folder, path, "explaining=inf")
+        assert here.stdout.startswith("verdict"), here.stderr
+        assert (there.stdout, there.stderr) == (here.stdout, here.stderr)
+    assert "mirrored: " in here.stderr
 
 
 def test_it_answers_to_the_last_bit_in_a_real_hall(on_arm: Path, on_board: Build, hall_directory: Path):

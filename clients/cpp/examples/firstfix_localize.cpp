@@ -1,7 +1,7 @@
 // firstfix_localize URL MAP FILE [scan|range_image|compact|descriptor]: localizes a scan with a running service.
 //
-// FILE is a PCD file, a scan of the protocol (.ffscan), or raw little-endian float32 x, y, z. Exit codes are those of
-// `firstfix localize`: 0 localized, 3 ambiguous, 4 rejected, 1 error, 2 wrong usage.
+// FILE is a PCD file, a serialised PointCloud2 (.cdr), a scan of the protocol (.ffscan), or raw little-endian float32 x, y, z. Exit
+// codes are those of `firstfix localize`: 0 localized, 3 ambiguous, 4 rejected, 1 error, 2 wrong usage.
 #include <cstdio>
 #include <exception>
 #include <string>

@@ -1,11 +1,14 @@
 // firstfix_localize_here FOLDER FILE [OPTION=NUMBERS ...]: localizes a scan, or several with their poses, in a map's version on
 // this machine, without a service.
 //
-// FOLDER is maps/MAP/versions/VERSION of a store. FILE is a PCD file, a body of the protocol (.ffscan: a scan, a compact one, or a
-// sequence), or raw little-endian float32 x, y, z. Options are those of a query: gravity=X,Y,Z prior=X,Y,Z,RADIUS[,YAW,RANGE]
-// T_base_sensor=X,Y,Z,QX,QY,QZ,QW T_odom_base=X,Y,Z,QX,QY,QZ,QW twist=VX,VY,VZ,WX,WY,WZ max_candidates=N min_probability=P
-// max_false_accept=P deadline_ms=T. Each line has a name and what it names; findings go to the standard error. Exit codes are those of `firstfix localize`:
-// 0 localized, 3 ambiguous, 4 rejected, 1 error, 2 wrong usage.
+// FOLDER is maps/MAP/versions/VERSION of a store; several maps are ID=FOLDER,ID=FOLDER. FILE is a PCD file, a serialised PointCloud2
+// (.cdr), a body of the protocol (.ffscan: a scan, a compact one, or a sequence), or raw little-endian float32 x, y, z. Options are those
+// of a query: gravity=X,Y,Z prior=X,Y,Z,RADIUS[,YAW,RANGE] T_base_sensor=X,Y,Z,QX,QY,QZ,QW T_odom_base=X,Y,Z,QX,QY,QZ,QW
+// twist=VX,VY,VZ,WX,WY,WZ max_candidates=N min_probability=P max_false_accept=P deadline_ms=T; and explaining=SHARE: how long it may look for
+// the cause, over the time of the query. Each line has a name and what it names; findings go to the standard error. Exit codes are
+// those of `firstfix localize`: 0 localized, 3 ambiguous, 4 rejected, 1 error, 2 wrong usage.
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -34,7 +37,19 @@ std::vector<double> numbers_of(const std::string& text) {
 
 firstfix::Pose pose_of(const std::vector<double>& n) { return {{n[0], n[1], n[2]}, {n[3], n[4], n[5], n[6]}}; }
 
-void take(firstfix::LocalizeOptions& options, const std::string& text) {
+// One folder, or ID=FOLDER,ID=FOLDER.
+std::vector<firstfix::MapFolder> maps_of(const std::string& text) {
+  std::vector<firstfix::MapFolder> maps;
+  for (std::size_t at = 0; at <= text.size();) {
+    const std::size_t end = std::min(text.find(',', at), text.size()), equals = text.find('=', at);
+    if (equals >= end) return {{"", text}};
+    maps.push_back({text.substr(at, equals - at), text.substr(equals + 1, end - equals - 1)});
+    at = end + 1;
+  }
+  return maps;
+}
+
+void take(firstfix::LocalizeOptions& options, double& explaining, const std::string& text) {
   const std::size_t equals = text.find('=');
   if (equals == std::string::npos) throw Error("invalid_option", text + " is no OPTION=NUMBERS");
   const std::string name = text.substr(0, equals);
@@ -50,6 +65,7 @@ void take(firstfix::LocalizeOptions& options, const std::string& text) {
   else if (is("min_probability", 1)) options.min_probability = n[0];
   else if (is("max_false_accept", 1)) options.max_false_accept = n[0];
   else if (is("deadline_ms", 1)) options.deadline_ms = n[0];
+  else if (is("explaining", 1)) explaining = n[0];
   else throw Error("invalid_option", "no such option, or another number of numbers: " + text);
 }
 
@@ -66,10 +82,11 @@ void print(const char* name, const firstfix::Pose& pose) {
 }
 
 int print(const firstfix::Localization& fix) {
-  constexpr const char* kVerdicts[] = {"localized", "ambiguous", "rejected"};
+  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
   constexpr int kCodes[] = {0, 3, 4};
   const auto verdict = static_cast<std::size_t>(fix.verdict);
-  std::printf("verdict %s\nprobability %.17g\n", kVerdicts[verdict], fix.probability);
+  std::printf("verdict %s\nprobability %.17g\n", firstfix::text_of(fix.verdict), fix.probability);
+  if (!fix.map_id.empty()) std::printf("map %s\n", fix.map_id.c_str());
   for (const std::string& reason : fix.reasons) std::printf("reason %s\n", reason.c_str());
   for (const firstfix::Finding& one : fix.findings) std::fprintf(stderr, "%s: %s %s\n", one.code.c_str(), one.text.c_str(), one.remedy.c_str());
   if (fix.T_map_sensor) print("T_map_sensor", *fix.T_map_sensor);
@@ -82,12 +99,17 @@ int print(const firstfix::Localization& fix) {
     std::printf(" %.17g\n", free.sigma);
   }
   for (const firstfix::Hypothesis& one : fix.hypotheses) {
-    constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-    std::printf("hypothesis %.17g %.17g %.17g %.17g %.17g %.17g %lld", one.probability, one.quality->inlier_ratio,
+    std::printf("hypothesis%s%s %.17g %.17g %.17g %.17g %.17g %.17g %lld", one.map_id.empty() ? "" : " ", one.map_id.c_str(), one.probability, one.quality->inlier_ratio,
                 one.quality->alignment_score, one.quality->free_space_violation, one.quality->removed_surface,
                 one.quality->seen_free.value_or(kUnknown), one.template_row);
     print("", one.T_map_sensor);
   }
+  const firstfix::ScanFacts& scan = *fix.scan;
+  const double rings = scan.rings ? static_cast<double>(*scan.rings) : kUnknown;
+  std::printf("scan %lld %lld %lld", scan.points, scan.valid, scan.in_range);
+  print(std::array{scan.median_range_m.value_or(kUnknown), scan.largest_range_m.value_or(kUnknown), rings,
+                   scan.plane_ratio.value_or(kUnknown), scan.time_span_s.value_or(kUnknown)});
+  std::printf("\n");
   return kCodes[verdict];
 }
 
@@ -100,8 +122,9 @@ int main(int argc, char** argv) {
   }
   try {
     firstfix::LocalizeOptions options;
-    for (int i = 3; i < argc; ++i) take(options, argv[i]);
-    const firstfix::Localizer localizer(argv[1]);
+    double explaining = firstfix::Localizer::kExplaining;
+    for (int i = 3; i < argc; ++i) take(options, explaining, argv[i]);
+    const firstfix::Localizer localizer(maps_of(argv[1]), explaining);
     return std::visit([&](const auto& scan) { return print(localizer.localize(scan, options)); },
                       firstfix::example::read_scans(argv[2]));
   } catch (const std::exception& error) {

@@ -1,7 +1,7 @@
 // firstfix_similar_places FOLDER FILE [X Y Z RADIUS]: the places of a map's version that resemble a scan, without a service.
 //
-// FOLDER is maps/MAP/versions/VERSION of a store. FILE is a PCD file, a scan of the protocol (.ffscan), or raw little-endian
-// float32 x, y, z. X Y Z RADIUS: a sphere of the map in which the sensor is, in metres. A line a place, the most similar
+// FOLDER is maps/MAP/versions/VERSION of a store. FILE is a PCD file, a serialised PointCloud2 (.cdr), a scan of the protocol
+// (.ffscan), or raw little-endian float32 x, y, z. X Y Z RADIUS: a sphere of the map in which the sensor is, in metres. A line a place, the most similar
 // first: its score, the row of its template, and the pose T_map_sensor, row by row. Exit codes: 0 some were found, 4 none,
 // 1 error, 2 wrong usage.
 #include <cstdio>

@@ -1,5 +1,6 @@
 // Reads a scan from a PCD file (ascii or binary, fields x y z of four or eight bytes), a body of the protocol's own encodings
-// (.ffscan, which may have times), or raw little-endian float32. A body may hold several scans, or a compact one.
+// (.ffscan, which may have times), a serialised sensor_msgs/PointCloud2 (.cdr, which may have times), or raw little-endian float32. A
+// body of the protocol may hold several scans, or a compact one.
 #pragma once
 
 #include <algorithm>
@@ -16,6 +17,7 @@
 #include <variant>
 #include <vector>
 
+#include "firstfix/ros/point_cloud2.hpp"
 #include "firstfix/scan/scan.hpp"
 #include "firstfix/scan/sequence.hpp"
 #include "firstfix/wire/query.hpp"
@@ -147,16 +149,18 @@ inline bool ends_with(const std::string& path, const std::string& ending) {
   return path.size() > ending.size() && path.compare(path.size() - ending.size(), ending.size(), ending) == 0;
 }
 
-// A body of the protocol's own encodings. Its first bytes tell which.
+// All bytes of a file.
 inline Bytes read_body(const std::string& path) {
+  constexpr std::size_t kMostBytes = 257'000'000;  // of a message, as the service takes it
   std::ifstream in(path, std::ios::binary);
   if (!in) throw Error("not_found", "no such file: " + path);
-  if (std::filesystem::file_size(path) > kMaxPoints * 16) throw Error("too_large", "the file has too many bytes");
+  if (std::filesystem::file_size(path) > kMostBytes) throw Error("too_large", "the file has too many bytes");
   return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
 }
 
 inline Scan read_scan(const std::string& path) {
   if (ends_with(path, ".ffscan")) return decode_scan(read_body(path));
+  if (ends_with(path, ".cdr")) return ros::read_point_cloud2(detail::span_of(read_body(path))).scan;
   std::ifstream in(path, std::ios::binary);
   if (!in) throw Error("not_found", "no such file: " + path);
   if (ends_with(path, ".pcd")) return read_pcd(in);

@@ -176,15 +176,6 @@ DescriptorParameters usable_parameters(const Json& engine) {
 
 }  // namespace
 
-const char* text_of(Verdict verdict) {
-  switch (verdict) {
-    case Verdict::localized: return "localized";
-    case Verdict::ambiguous: return "ambiguous";
-    case Verdict::rejected: return "rejected";
-  }
-  return "";
-}
-
 Localization parse_localization(std::string_view document) {
   const Json data = parsed(document);
   Localization made;

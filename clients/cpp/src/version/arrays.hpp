@@ -60,6 +60,8 @@ class ArrayFile {
   // Number of its numbers.
   std::size_t count(const char* name) const;
 
+  void release() const { file_.release(); }
+
   [[noreturn]] void refuse(const std::string& what) const { file_.refuse(what); }
 
  private:

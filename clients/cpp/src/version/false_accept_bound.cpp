@@ -23,13 +23,14 @@ FalseAcceptBound::FalseAcceptBound(const VersionFolder& folder) {
   }
 }
 
-double FalseAcceptBound::min_probability(double max_false_accept) const {
+double FalseAcceptBound::min_probability(double max_false_accept, const std::string& map_id) const {
   for (const Row& row : rows_) {
     if (row.bound <= max_false_accept) return row.min_probability;
   }
   const std::string asked = "max_false_accept " + number_text(max_false_accept) + ": ";
-  throw Error("invalid_option", asked + (rows_.empty() ? "no bound was measured for this map, build it again"
-                                                       : "the least bound of this map is " + number_text(rows_.back().bound)));
+  const std::string of_map = map_id.empty() ? "this map" : "map " + map_id;
+  throw Error("invalid_option", asked + (rows_.empty() ? "no bound was measured for " + of_map + ", build it again"
+                                                       : "the least bound of " + of_map + " is " + number_text(rows_.back().bound)));
 }
 
 }  // namespace firstfix::version

@@ -15,7 +15,7 @@ class FalseAcceptBound {
 
   // The lowest threshold that accepts at most this share of scans whose place is not in the map. Throws Error "invalid_option"
   // if there is none.
-  double min_probability(double max_false_accept) const;
+  double min_probability(double max_false_accept, const std::string& map_id) const;
 
  private:
   struct Row {

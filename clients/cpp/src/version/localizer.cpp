@@ -2,31 +2,26 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <limits>
+#include <set>
 #include <string>
 #include <utility>
 
 #include "asked_scan.hpp"
 #include "checked_options.hpp"
-#include "false_accept_bound.hpp"
+#include "diagnosis.hpp"
 #include "firstfix/query/verdict.hpp"
 #include "firstfix/registration/covariance.hpp"
-#include "map_tables.hpp"
+#include "opened_map.hpp"
 #include "poses.hpp"
-#include "ranking_numbers.hpp"
-#include "reason_finding.hpp"
-#include "scan_search.hpp"
-#include "template_tables.hpp"
-#include "version_folder.hpp"
 
 namespace firstfix {
 namespace {
 
-PlacesOptions places_options(const LocalizeOptions& options) {
-  PlacesOptions made{options.gravity, options.prior, options.T_base_sensor, std::nullopt};
-  if (options.max_candidates) made.max_places = static_cast<std::size_t>(*options.max_candidates);
-  return made;
-}
+using version::MapQuery;
+using version::OpenedMap;
+using MapQueries = std::vector<std::unique_ptr<MapQuery>>;
 
 const char* reason_of(Why why) {
   switch (why) {
@@ -41,21 +36,30 @@ const char* reason_of(Why why) {
 
 Twist twist_of(const Vector6& motion) { return {{motion[0], motion[1], motion[2]}, {motion[3], motion[4], motion[5]}}; }
 
-Hypothesis hypothesis_of(const RegisteredPose& one, double probability, const PoseMatrix& T_map_level) {
+// A pose that competes, in one of the maps.
+struct FoundPlace {
+  std::size_t map;  // number of its query
+  const RegisteredPose* pose;
+};
+
+Hypothesis hypothesis_of(const RegisteredPose& one, double probability, const OpenedMap& map) {
   AlignmentQuality quality{one.fit.inlier_ratio, one.fit.alignment_score, one.fit.free_space_violation, one.fit.removed_surface, {}};
   if (!std::isnan(one.fit.seen_free)) quality.seen_free = one.fit.seen_free;
-  return {version::pose_of(version::product(T_map_level, one.registration.T_level_sensor)), quality, probability, one.template_row, ""};
+  const PoseMatrix T_map_sensor = version::product(map.templates.numbers.T_map_level, one.registration.T_level_sensor);
+  return {version::pose_of(T_map_sensor), quality, probability, one.template_row, map.id};
 }
 
 // What only a pose has: its covariance, and what follows from it.
-void place(Localization& answer, const RegisteredPose& best, const ScannedSurface& dense, const SearchedMap& map,
-           const PoseMatrix& T_map_level, const LocalizeOptions& options) {
+void place(Localization& answer, const RegisteredPose& best, const MapQuery& query, const LocalizeOptions& options) {
+  const PoseMatrix& T_map_level = query.of().templates.numbers.T_map_level;
   const Registration& placed = best.registration;
   const PoseMatrix T_map_sensor = version::product(T_map_level, placed.T_level_sensor);
   answer.T_map_sensor = version::pose_of(T_map_sensor);
   if (options.T_base_sensor) {
     answer.T_map_base = version::pose_of(version::product(T_map_sensor, version::inverse(version::matrix_of(*options.T_base_sensor))));
   }
+  const ScannedSurface& dense = query.search().dense();
+  const SearchedMap& map = query.map();
   const ScannedSurface seen = placed.twist && dense.at.times() != nullptr ? deskewed(dense, *placed.twist) : dense;
   const Matrix6 information = faced_information(map.fine, {seen.at.points.data(), seen.size()}, placed.T_level_sensor,
                                                 placed.information, static_cast<float>(map.registration.fine_distance_m));
@@ -67,49 +71,100 @@ void place(Localization& answer, const RegisteredPose& best, const ScannedSurfac
   else if (placed.twist) answer.twist = twist_of(*placed.twist);
 }
 
+// Distinct poses of all maps, best first.
+std::vector<FoundPlace> places_of(const MapQueries& queries) {
+  std::vector<FoundPlace> places;
+  for (std::size_t map = 0; map < queries.size(); ++map) {
+    for (const RegisteredPose& one : queries[map]->search().found()) places.push_back({map, &one});
+  }
+  std::stable_sort(places.begin(), places.end(),
+                   [](const FoundPlace& one, const FoundPlace& other) { return has_more_support(*one.pose, *other.pose); });
+  return places;
+}
+
+Decision decided(const MapQueries& queries, const std::vector<FoundPlace>& places) {
+  std::vector<JudgingMap> judging;
+  for (const auto& query : queries) judging.push_back({query->map().ranking, query->map().calibration});
+  std::vector<Competitor> ranked;
+  for (const FoundPlace& one : places) {
+    const version::ScanSearch& search = queries[one.map]->search();
+    const Registration& placed = one.pose->registration;
+    const double outside_lead = one.pose == &search.found().front() ? search.outside_lead() : 0;
+    ranked.push_back({one.map, one.pose->fit, one.pose->support, search.spots(), one.pose->is_alike, outside_lead, placed.rests,
+                      is_in_motion(placed)});
+  }
+  const double asked = places.empty() ? std::numeric_limits<double>::quiet_NaN() : queries[places.front().map]->asked();
+  return Judge(judging, ranked).decided(asked);
+}
+
+// The answer without what follows from its scan's points.
+Localization judged(const MapQueries& queries, const std::vector<FoundPlace>& places, const LocalizeOptions& options) {
+  Localization answer;
+  const Decision decision = decided(queries, places);
+  answer.probability = decision.probability;
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    answer.hypotheses.push_back(hypothesis_of(*places[i].pose, decision.shares[i], queries[places[i].map]->of()));
+  }
+  if (decision.why == Why::kLocalized) {
+    answer.verdict = Verdict::localized;
+    place(answer, *places.front().pose, *queries[places.front().map], options);
+  } else {
+    answer.verdict = decision.why == Why::kSeveralPlaces ? Verdict::ambiguous : Verdict::rejected;
+    answer.reasons = {reason_of(decision.why)};
+  }
+  return answer;
+}
+
 }  // namespace
 
 struct Localizer::Opened {
-  explicit Opened(const version::VersionFolder& folder)
-      : version_name(folder.version()),
-        templates(folder),
-        tables(folder, templates.places().count),
-        calibrations(version::calibrations(folder.file("calibration.json"))),
-        bound(folder),
-        usual_height_m(templates.usual_height_m()) {}
-
-  // The map as queries of these options search it.
-  SearchedMap searched(const LocalizeOptions& options) const {
-    const version::EngineNumbers& n = templates.numbers;
-    std::optional<double> radius_m;
-    if (options.prior && !options.max_false_accept) radius_m = options.prior->radius_m;
-    SearchedMap map{};
-    map.fine = tables.fine, map.coarse = tables.coarse, map.near = tables.near, map.far = tables.far, map.seen_free = tables.seen_free;
-    map.places = templates.places(), map.alias_table = tables.alias_table;
-    map.reach_m = n.reach_m, map.spacing_m = n.spacing_m, map.compared = n.compared, map.effort = n.effort;
-    map.usual_height_m = usual_height_m, map.default_height_m = n.default_height_m;
-    map.registration = n.registration, map.nearby = n.nearby, map.aliases = n.aliases, map.ranking = n.ranking;
-    map.calibration = calibrations.judging(radius_m);
-    return map;
+  Opened(const std::vector<MapFolder>& folders, double explaining_share) : explaining(explaining_share) {
+    constexpr std::size_t kMostMaps = 16;
+    std::set<std::string> ids;
+    for (const MapFolder& one : folders) ids.insert(one.map_id);
+    if (folders.empty() || folders.size() > kMostMaps || ids.size() < folders.size()) {
+      throw Error("invalid_option", "a localizer has 1 to 16 maps of different ids, not " + std::to_string(folders.size()));
+    }
+    for (const MapFolder& one : folders) maps.push_back(std::make_unique<OpenedMap>(one.map_id, version::VersionFolder(one.folder)));
   }
 
   // options: checked.
-  Localization localized(const version::AskedScans& scans, const LocalizeOptions& options) const;
+  Localization localized(const version::AskedScans& scans, const LocalizeOptions& options) const {
+    const auto began = Deadline::Clock::now();
+    if (maps.size() > 1 && (options.prior || options.version)) throw Error("invalid_option", "a prior and a version belong to one map: name it");
+    Deadline deadline;
+    if (options.deadline_ms) deadline = Deadline::after_s(*options.deadline_ms / 1000, began);
+    MapQueries queries;
+    for (const auto& map : maps) {
+      map->asked(options);  // it may refuse the option
+      auto prepared = version::prepared(scans, options, *map);
+      if (!prepared.empty()) queries.push_back(std::make_unique<MapQuery>(*map, std::move(prepared), options, deadline));
+    }
+    std::vector<version::ScanSearch*> searches;
+    for (const auto& query : queries) searches.push_back(&query->search());
+    if (!searches.empty()) version::search_all(searches);
+    const std::vector<FoundPlace> places = places_of(queries);
+    Localization answer;
+    if (queries.empty()) answer.reasons = {"too_few_points"};
+    else answer = judged(queries, places, options);
+    const MapQuery* const best = queries.empty() ? nullptr : queries[places.empty() ? 0 : places.front().map].get();
+    const OpenedMap& of = best == nullptr ? *maps.front() : best->of();
+    version::diagnose(answer, {scans, options, of, best, began, deadline, explaining});
+    answer.map_id = of.id, answer.map_version = of.version;
+    return answer;
+  }
 
-  std::string version_name;
-  version::TemplateTables templates;
-  version::MapTables tables;
-  version::Calibrations calibrations;
-  version::FalseAcceptBound bound;
-  double usual_height_m;
+  std::vector<std::unique_ptr<const OpenedMap>> maps;
+  double explaining;
 };
 
-Localizer::Localizer(const std::string& folder) : opened_(std::make_unique<Opened>(version::VersionFolder(folder))) {}
+Localizer::Localizer(const std::string& folder, double explaining) : Localizer(std::vector<MapFolder>{{"", folder}}, explaining) {}
+Localizer::Localizer(const std::vector<MapFolder>& maps, double explaining) : opened_(std::make_unique<Opened>(maps, explaining)) {}
 Localizer::~Localizer() = default;
 Localizer::Localizer(Localizer&&) noexcept = default;
 Localizer& Localizer::operator=(Localizer&&) noexcept = default;
 
-const std::string& Localizer::version() const { return opened_->version_name; }
+const std::string& Localizer::version() const { return opened_->maps.front()->version; }
 
 Localization Localizer::localize(const Scan& scan, const LocalizeOptions& options) const {
   return opened_->localized(version::asked(scan), version::checked(options));
@@ -121,46 +176,6 @@ Localization Localizer::localize(const CompactScan& scan, const LocalizeOptions&
 
 Localization Localizer::localize(const ScanSequence& sequence, const LocalizeOptions& options) const {
   return opened_->localized(version::asked(sequence), version::checked(options));
-}
-
-Localization Localizer::Opened::localized(const version::AskedScans& scans, const LocalizeOptions& options) const {
-  const auto began = Deadline::Clock::now();
-  double asked = options.min_probability.value_or(std::numeric_limits<double>::quiet_NaN());
-  if (options.max_false_accept) asked = bound.min_probability(*options.max_false_accept);
-  Deadline deadline;
-  if (options.deadline_ms) deadline = Deadline::after_s(*options.deadline_ms / 1000, began);
-  const version::EngineNumbers& numbers = templates.numbers;
-  const PlacesOptions places = places_options(options);
-  auto prepared = version::prepared(scans, places, numbers, options.twist);
-  Localization answer;
-  answer.map_version = version_name;
-  if (prepared.empty()) {
-    answer.reasons = {"too_few_points"};
-    return answer;
-  }
-  const SearchedMap map = searched(options);
-  version::ScanSearch search(templates, map, std::move(prepared), places, asked, deadline);
-  search.run();
-  const RegisteredPoses& found = search.found();
-  std::vector<Competitor> ranked;
-  for (const RegisteredPose& one : found) {
-    const Registration& placed = one.registration;
-    const double outside_lead = ranked.empty() ? search.outside_lead() : 0;
-    ranked.push_back({0, one.fit, one.support, search.spots(), one.is_alike, outside_lead, placed.rests, is_in_motion(placed)});
-  }
-  const std::vector<JudgingMap> judging{{map.ranking, map.calibration}};
-  const Decision decision = Judge(judging, ranked).decided(asked);
-  answer.probability = decision.probability;
-  for (std::size_t i = 0; i < found.size(); ++i) answer.hypotheses.push_back(hypothesis_of(found[i], decision.shares[i], numbers.T_map_level));
-  if (decision.why == Why::kLocalized) {
-    answer.verdict = Verdict::localized;
-    place(answer, found.front(), search.dense(), map, numbers.T_map_level, options);
-  } else {
-    answer.verdict = decision.why == Why::kSeveralPlaces ? Verdict::ambiguous : Verdict::rejected;
-    answer.reasons = {reason_of(decision.why)};
-    if (const auto why = version::reason_finding(answer)) answer.findings = {*why};
-  }
-  return answer;
 }
 
 }  // namespace firstfix

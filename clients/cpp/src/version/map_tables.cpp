@@ -112,9 +112,15 @@ MapTables::MapTables(const VersionFolder& folder, std::size_t templates)
   constexpr const char *kSeenFree = "seen_free.safetensors", *kAliases = "aliases.safetensors";
   if (folder.has(kSeenFree)) seen_free = seen_free_of(opened(folder, kSeenFree));
   if (folder.has(kAliases)) alias_table = aliases_of(opened(folder, kAliases), templates);
+  release();
+}
+
+void MapTables::release() const {
+  if (!files_.empty()) files_.back().release();
 }
 
 const ArrayFile& MapTables::opened(const VersionFolder& folder, const char* name) {
+  release();  // the tables of the file before are checked
   files_.emplace_back(folder.file(name));
   return files_.back();
 }

@@ -29,6 +29,7 @@ class MapTables {
 
  private:
   const ArrayFile& opened(const VersionFolder& folder, const char* name);
+  void release() const;  // the pages of the last file
 };
 
 }  // namespace firstfix::version

@@ -42,6 +42,11 @@ class MappedFile {
   const std::uint8_t* data() const { return data_; }
   std::size_t size() const { return size_; }
 
+  // Gives its pages back, which were read once to check them. What is read again is mapped again.
+  void release() const {
+    if (data_ != nullptr) ::madvise(const_cast<std::uint8_t*>(data_), size_, MADV_DONTNEED);
+  }
+
   [[noreturn]] void refuse(const std::string& what) const { throw Error("corrupt_version", name_ + ": " + what); }
 
  private:

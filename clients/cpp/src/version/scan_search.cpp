@@ -46,9 +46,16 @@ ScanSearch::ScanSearch(const TemplateTables& templates, const SearchedMap& map, 
               {region_of(options.prior, templates.numbers.T_map_level), options.gravity, up_by_mounting(options.T_base_sensor),
                options.max_places, asked, deadline}) {}
 
-void ScanSearch::run() {
+void ScanSearch::look() {
   StageTimes times;
-  search_maps({&search_}, false, times);
+  search_.take(Step::narrow, times);
+}
+
+void search_all(const std::vector<ScanSearch*>& searches) {
+  std::vector<MapSearch*> of_maps;
+  for (ScanSearch* const one : searches) of_maps.push_back(&one->search_);
+  StageTimes times;
+  search_maps(of_maps, false, times);
 }
 
 }  // namespace firstfix::version

@@ -20,20 +20,28 @@ class ScanSearch {
   ScanSearch(const ScanSearch&) = delete;
   ScanSearch& operator=(const ScanSearch&) = delete;
 
-  // Climbs the ladder of effort.
-  void run();
+  // The first step alone.
+  void look();
 
   const RegisteredPoses& found() const { return search_.found(); }
+  bool is_settled() const { return search_.is_settled(); }
   double outside_lead() const { return search_.outside_lead(); }
+
+  const std::vector<PlacedScan>& scans() const { return scans_; }
 
   // All points of the scans, one a voxel, and how many spots they are of.
   const ScannedSurface& dense() const { return query_.dense; }
   std::size_t spots() const { return query_.spots; }
+
+  // Climbs the ladder of effort, in one map or several.
+  friend void search_all(const std::vector<ScanSearch*>& searches);
 
  private:
   std::vector<PlacedScan> scans_;
   SearchedQuery query_;
   MapSearch search_;  // refers to the two above
 };
+
+void search_all(const std::vector<ScanSearch*>& searches);
 
 }  // namespace firstfix::version

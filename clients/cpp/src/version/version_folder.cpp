@@ -72,6 +72,7 @@ MappedFile VersionFolder::file(const std::string& name) const {
   if (entry == files_.end()) refuse("the manifest has no " + name);
   MappedFile mapped(folder_ + "/" + name, name, entry->second.bytes);
   if (sha256_of(mapped.data(), mapped.size()) != entry->second.sha256) mapped.refuse("its sha256 is not that of the manifest");
+  mapped.release();
   return mapped;
 }
 

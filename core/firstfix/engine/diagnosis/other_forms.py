@@ -85,7 +85,8 @@ def from_polar(points: NDArray[np.float32]) -> NDArray[np.float32] | None:
     """Points of (n, 3) ranges, azimuths and elevations; None: the numbers cannot be such."""
     if not len(points):
         return None
-    range_m, azimuth, elevation = points.T
+    # in float64, whose rounded results are the same on nearly every processor
+    range_m, azimuth, elevation = points.T.astype(np.float64)
     spans = float(np.abs(azimuth).max()), float(np.abs(elevation).max())
     if float(range_m.min()) < 0 or spans[0] > _DEGREES or spans[1] > 90:
         return None

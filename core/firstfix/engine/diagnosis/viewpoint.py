@@ -89,7 +89,7 @@ def best_viewpoint(points: NDArray[np.float32]) -> Viewpoint:
     """The place from which (n, 3) points lie in the most directions: by a search in falling steps."""
     part = at_most(points, POINTS)
     own = _directions(part, np.zeros(3))
-    starts = [np.zeros(3), _middle(part) * [1, 1, 0]]
+    starts = [np.zeros(3), np.append(_middle(part)[:2], 0.0)]
     most, best = max((_directions(part, at), tuple(at)) for at in starts)
     at = np.array(best)
     for step_m in _STEPS_M:

@@ -10,6 +10,8 @@
 
 #include "firstfix/errors.hpp"
 #include "firstfix/bit_exact/vectors.hpp"
+#include "firstfix/scan/dropped.hpp"
+#include "firstfix/scan/time_field.hpp"
 
 #if defined(__FAST_MATH__)
 #error "firstfix needs IEEE arithmetic to produce the same bytes as other clients: do not use -ffast-math"
@@ -19,7 +21,6 @@ static_assert(FLT_EVAL_METHOD == 0, "float arithmetic must be done in float, not
 namespace firstfix {
 
 constexpr std::size_t kMaxPoints = 2'000'000;
-constexpr double kMaxAbsCoordinate = 1000.0;  // m
 constexpr double kMaxAbsTime = 1.0;           // s, of a point from its scan's stamp
 
 struct Point {
@@ -38,6 +39,8 @@ struct Scan {
   std::optional<std::vector<float>> intensity;  // one per point
   std::optional<double> stamp_s;                // since the epoch
   std::optional<std::vector<float>> time_s{};   // one per point, in seconds from the stamp
+  Dropped dropped{};                            // that a reader of messages left out
+  std::optional<TimeField> time_field{};        // of the message: that gave the times, or looks like it and was not understood
 };
 
 inline bool usable(const Point& p) {

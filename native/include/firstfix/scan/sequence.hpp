@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <cstddef>
+#include <string>
 #include <variant>
 #include <vector>
 
@@ -14,7 +15,8 @@
 namespace firstfix {
 
 constexpr std::size_t kMaxScans = 16;
-constexpr double kMaxDistanceM = 1000.0;  // of a scan from the last one
+constexpr double kMaxWayM = 1000.0;    // of a scan from the last one
+constexpr double kMaxOdometryM = 1e8;  // of a pose from its frame's origin: further away differences lose their millimetres
 
 using AnyScan = std::variant<Scan, CompactScan>;
 
@@ -30,21 +32,31 @@ inline std::size_t points_of(const AnyScan& scan) {
   return std::visit([](const auto& one) { return one.points.size(); }, scan);
 }
 
+// Throws Error "invalid_scan" or "too_large" in the words of a service.
 inline void check(const ScanSequence& sequence) {
-  const std::size_t count = sequence.scans.size();
-  if (count == 0 || count != sequence.T_odom_sensor.size()) {
-    throw Error("invalid_scan", "a sequence needs at least one scan, and one pose per scan");
+  const std::size_t count = sequence.scans.size(), poses = sequence.T_odom_sensor.size();
+  const auto refuse = [](const std::string& why) { throw Error("invalid_scan", why); };
+  if (count == 0 || count != poses) {
+    refuse("a sequence needs one pose for each scan: " + std::to_string(count) + " scans, " + std::to_string(poses) + " poses");
   }
-  if (count > kMaxScans) throw Error("too_large", "a sequence has at most 16 scans");
+  if (count > kMaxScans) throw Error("too_large", "a sequence holds up to 16 scans, not " + std::to_string(count));
   std::size_t points = 0;
   for (const AnyScan& scan : sequence.scans) points += points_of(scan);
-  if (points > kMaxPoints) throw Error("too_large", "the scans together have over 2,000,000 points");
+  if (points > kMaxPoints) {
+    throw Error("too_large", "the scans have " + std::to_string(points) + " points together, the limit is 2000000");
+  }
+  for (std::size_t number = 0; number < count; ++number) {
+    const Pose& pose = sequence.T_odom_sensor[number];
+    const std::string name = "pose " + std::to_string(number) + " of the sequence ";
+    if (!usable(pose)) refuse(name + "is not a rigid transform");
+    for (const double metres : pose.position) {
+      if (std::fabs(metres) > kMaxOdometryM) refuse(name + "lies beyond 1e+08 m");
+    }
+  }
   const auto& last = sequence.T_odom_sensor.back().position;
   for (const Pose& pose : sequence.T_odom_sensor) {
     const auto& [x, y, z] = pose.position;
-    if (!usable(pose) || !(std::hypot(x - last[0], y - last[1], z - last[2]) <= kMaxDistanceM)) {
-      throw Error("invalid_scan", "a pose of the sequence is not valid, or over 1000 m from the last");
-    }
+    if (std::hypot(x - last[0], y - last[1], z - last[2]) > kMaxWayM) refuse("a scan of the sequence lies over 1000 m from the last");
   }
 }
 

@@ -17,6 +17,15 @@ namespace firstfix {
 
 enum class Verdict { localized, ambiguous, rejected };
 
+inline const char* text_of(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::localized: return "localized";
+    case Verdict::ambiguous: return "ambiguous";
+    case Verdict::rejected: return "rejected";
+  }
+  return "";
+}
+
 // How well a scan fits the map at a pose; shares, 0 to 1.
 struct AlignmentQuality {
   double inlier_ratio = 0, alignment_score = 0, free_space_violation = 0, removed_surface = 0;
@@ -116,7 +125,5 @@ DescriptorParameters parse_engine(std::string_view engine);
 // The error of a problem document (RFC 9457), or none if the document is not a problem. A status 503 without one comes
 // from an overloaded proxy.
 std::optional<Error> parse_problem(std::string_view document, long status);
-
-const char* text_of(Verdict verdict);
 
 }  // namespace firstfix

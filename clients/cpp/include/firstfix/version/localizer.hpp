@@ -3,6 +3,7 @@
 
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "firstfix/answer/documents.hpp"
 #include "firstfix/answer/options.hpp"
@@ -13,25 +14,36 @@
 
 namespace firstfix {
 
-// A version of a map, memory-mapped: its folder is maps/MAP/versions/VERSION of a store. Its answers are a service's, with the
-// same verdict, poses and probabilities. But a service says more, and checks more: see `localize`. Threads may share it.
+// A map on board: the id by which answers name it, and its version's folder, which is maps/MAP/versions/VERSION of a store.
+struct MapFolder {
+  std::string map_id, folder;
+};
+
+// Versions of one map or several, memory-mapped. Its answers are a service's, with the same verdict, poses, probabilities and findings.
+// Threads may share it.
 class Localizer {
  public:
-  // As TemplateSearch, of more files.
-  explicit Localizer(const std::string& folder);
+  // How long other forms of a scan that is not localized may be tried, to say why, over the time that its query has taken.
+  static constexpr double kExplaining = 2;
+
+  // Opens a version as TemplateSearch does, of more files. explaining: kExplaining or another share; 0: no other form is tried.
+  explicit Localizer(const std::string& folder, double explaining = kExplaining);
+
+  // Opens 1 to 16 maps. A scan is then localized in all of them at once: their places compete on equal terms, and the answer names the
+  // map whose frame its pose is in.
+  explicit Localizer(const std::vector<MapFolder>& maps, double explaining = kExplaining);
   ~Localizer();
   Localizer(Localizer&&) noexcept;
   Localizer& operator=(Localizer&&) noexcept;
 
-  // Name of the version: the manifest's sha256.
+  // Name of the version, of several maps the first one's: the manifest's sha256.
   const std::string& version() const;
 
-  // The sensor's pose in the map, or the reason why there is none. Of the findings, the answer has the one that says its reason. It
-  // has no hint, no facts of the scan and no fix_id. It is right for scans that were taken from their own origin, as a sensor gives
-  // them: a service refuses others as wrong_frame. T_odom_base and version of the options change nothing.
+  // The sensor's pose in the map, or the reason why there is none, with facts of the scan and findings. It has no hint and no fix_id.
+  // T_odom_base and version of the options change nothing.
   //
   // Throws Error "invalid_scan", "too_large", or "invalid_option" with a service's limits and messages, as for a
-  // max_false_accept that the map cannot promise.
+  // max_false_accept that a map cannot promise, or a prior where there are several maps.
   Localization localize(const Scan& scan, const LocalizeOptions& options = {}) const;
   Localization localize(const CompactScan& scan, const LocalizeOptions& options = {}) const;
 
