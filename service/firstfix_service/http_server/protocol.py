@@ -15,6 +15,7 @@ from typing import Any
 
 import httptools
 from starlette.requests import ClientDisconnect
+from uvicorn.protocols.http.flow_control import HIGH_WATER_LIMIT
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from ..limits.connections import Connections, ConnectionUse, EndReason
@@ -155,13 +156,20 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
     def data_received(self, data: bytes) -> None:
         """Parse data, or drop it while the connection lingers."""
-        if self._is_lingering or self._is_out_of_step:
+        if self._reading is Reading.LINGER or self._is_out_of_step:
             self._linger_bytes += len(data)
             if self._linger_bytes > self._linger_limit:
                 self.abort()
             return
         self._overhead_bytes += len(data)
-        super().data_received(data)
+        try:
+            self.parser.feed_data(data)
+        except httptools.HttpParserError:
+            self.logger.warning(_INVALID)
+            self.send_400_response(_INVALID)
+            return
+        except httptools.HttpParserUpgrade:
+            self._unsupported_upgrade_warning()
         if self._overhead_bytes > self._limits.max_head_bytes and not self._is_ending:
             self._refuse(*_TOO_LARGE)
 
@@ -206,15 +214,19 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         """Count the URL as part of the head."""
         self._head_bytes += len(url)
         self._check_head()
-        super().on_url(url)
+        self.url += url
 
     def on_header(self, name: bytes, value: bytes) -> None:
         """Count a header as part of the head."""
         self._headers += 1
         self._head_bytes += len(name) + len(value) + 4
-        self._check_head()
+        if self._head_bytes > self._limits.max_head_bytes or self._headers > self._limits.max_headers:
+            self._stop_parsing(*_TOO_LARGE)
         if self._reading is Reading.HEAD:  # otherwise it is a trailer, which is ignored
-            super().on_header(name, value)
+            name = name.lower()
+            if name == b"expect" and value.lower() == b"100-continue":
+                self.expect_100_continue = True
+            self.headers.append((name, value))
 
     def on_headers_complete(self) -> None:
         """Start the request, if the connection may make it."""
@@ -245,14 +257,22 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         """Count a piece of the body."""
         self._overhead_bytes = 0
         self._body_bytes += len(body)
-        super().on_body(body)
+        cycle = self.cycle
+        if not cycle.response_complete:
+            cycle.body += body
+            if len(cycle.body) > HIGH_WATER_LIMIT:
+                self.flow.pause_reading()
+            cycle.message_event.set()
 
     def on_message_complete(self) -> None:
         """End the request: the connection may be kept alive now."""
         self._overhead_bytes = 0
-        super().on_message_complete()
-        if not self.cycle.response_started:
-            self.cycle.keep_alive = self._keep_alive
+        cycle = self.cycle
+        if not cycle.response_complete:
+            cycle.more_body = False
+            cycle.message_event.set()
+        if not cycle.response_started:
+            cycle.keep_alive = self._keep_alive
         self._wait_for(Reading.BETWEEN)
 
     def send_400_response(self, msg: str) -> None:
@@ -262,13 +282,17 @@ class LimitedHttpProtocol(HttpToolsProtocol):
     # Called by the cycle of the answer and by the server
 
     def on_response_complete(self) -> None:
-        """Wait for the next request."""
-        if self._is_lingering:
-            self.server_state.total_requests += 1
+        """Wait for the next request. uvicorn would set a timer for it: ``Connections`` looks at all."""
+        self.server_state.total_requests += 1
+        if self._reading is Reading.LINGER:
             return
         self._answer_bytes = None
         self._since = self.loop.time()
-        super().on_response_complete()
+        if not self.transport.is_closing():
+            if self.flow.read_paused:
+                self.flow.resume_reading()
+            if self.pipeline:
+                self._start_asgi_task(*self.pipeline.pop())
         if self._is_half_closed and not self._answering:
             self.transport.close()
 
@@ -336,14 +360,16 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         """See ``Received``."""
         if cycle.more_body or cycle.disconnected or cycle.response_complete or cycle.waiting_for_100_continue:
             return None
-        self.flow.resume_reading()
+        if self.flow.read_paused:
+            self.flow.resume_reading()
         body, cycle.body = bytes(cycle.body), bytearray()
         return body
 
     def _call_when_gone(self, cycle: RequestResponseCycle, call: Callable[[], None] | None) -> None:
         """See ``WhenGone``."""
         self._when_gone = None if call is None else (cycle, call)
-        self._caller_is_gone()
+        if cycle.disconnected:
+            self._caller_is_gone()
 
     def _caller_is_gone(self) -> None:
         """Tell the one who waits for it, if it is so."""
@@ -416,10 +442,10 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             self._caller_is_gone()
         self._body_ended(ClientDisconnect())
         self._wait_for(Reading.LINGER)
-        self._unset_keepalive_if_required()
         self.flow.resume_reading()
         self.transport.write_eof()
 
 
+_INVALID = "Invalid HTTP request received."
 _CONTINUE = b"HTTP/1.1 100 Continue\r\n\r\n"
 _TOO_LARGE = (b"431 Request Header Fields Too Large", "request header fields too large")

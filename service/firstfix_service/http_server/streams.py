@@ -222,7 +222,9 @@ class AnswerTransport:
     def write_whole(self, data: bytes) -> None:
         """Write a head and all of its body, unless the connection drops answers."""
         self._head_was_written = True
-        self.write(data)
+        if not self._is_dropped():
+            self._pace.wrote(len(data))
+            self._connection.transport.write(data)
 
     def is_closing(self) -> bool:
         """True if nothing more can be written."""
