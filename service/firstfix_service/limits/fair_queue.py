@@ -9,12 +9,12 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import Callable, Coroutine
 from contextvars import Context
 from dataclasses import dataclass, field
 from enum import Enum
 from operator import attrgetter
-from typing import Any, TypeVar
+from typing import Any
 
 from .asker import Asker
 from .slow_share import SlowShare
@@ -109,13 +109,8 @@ class _Map(_Share):
     usual: UsualQuery | None = None
 
     @property
-    def first(self) -> Job:
-        """The query whose turn is next."""
-        return next(iter(self.ready))
-
-    @property
     def ready_since(self) -> float:
-        return self.first.ready_since
+        return next(iter(self.ready)).ready_since
 
 
 @dataclass
@@ -202,18 +197,26 @@ class FairQueue:
         if not self.ready or self._running >= self._workers:
             return None
         callers = [one for one in self._present.values() if one.ready]
-        for caller in _by_turns(callers):
+        if len(callers) > 1:
+            callers.sort(key=_turn)
+        for caller in callers:
             maps = list(caller.ready.values())
-            for of_map in _by_turns(maps):
-                job = of_map.first
+            if len(maps) > 1:
+                maps.sort(key=_turn)
+            for of_map in maps:
+                job = next(iter(of_map.ready))
                 usual = of_map.usual or self.usual
                 job.charged_s = 0.0 if usual is None else usual.expected_s(job.size_bytes)
                 job.is_slow = self._slow.is_slow(job.charged_s)
                 if job.is_slow and not self._slow.may_begin(job.asker):
                     continue
-                # Who may not use its turn now does not save it up.
-                self._virtual_time_s = _virtual_time_of(callers, caller)
-                caller.virtual_time_s = _virtual_time_of(maps, of_map)
+                # The virtual time is that of who has the turn, and all who wait come up to it. Who may not
+                # use its turn now does not save it up.
+                self._virtual_time_s, caller.virtual_time_s = caller.used_s, of_map.used_s
+                for waiting in callers:
+                    waiting.used_s = max(waiting.used_s, caller.used_s)
+                for beside in maps:
+                    beside.used_s = max(beside.used_s, of_map.used_s)
                 self._begin(job, caller, of_map)
                 return job
         return None
@@ -296,22 +299,9 @@ class FairQueue:
             del self._callers[asker.caller]
 
 
-S = TypeVar("S", _Caller, _Map)
-
-
-def _by_turns(shares: Iterable[S]) -> list[S]:
-    """Sort those who are ready: by the time that they have used, and by how long they wait."""
-    several = list(shares)
-    if len(several) > 1:
-        several.sort(key=lambda one: (one.used_s, one.ready_since))
-    return several
-
-
-def _virtual_time_of(shares: Iterable[_Share], chosen: _Share) -> float:
-    """The virtual time of a turn: the used time of the one who has it. All who wait come up to it."""
-    for one in shares:
-        one.used_s = max(one.used_s, chosen.used_s)
-    return chosen.used_s
+def _turn(one: _Caller | _Map) -> tuple[float, float]:
+    """The order of those who are ready: by the time that they have used, and by how long they wait."""
+    return one.used_s, one.ready_since
 
 
 def _fullest(caller: _Caller) -> _Map | None:

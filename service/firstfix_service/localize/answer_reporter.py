@@ -84,15 +84,18 @@ class AnswerReporter:
         """Count one query, answered or failed."""
         scope = current_request()
         seconds = math.nan if scope is None else scope.seconds
-        exemplar = None if scope is None else _exemplar(scope)
+        exemplar = None if scope is None or scope.span is None else _exemplar(scope)
         if isinstance(outcome, EncodedAnswer):
-            self._metrics.late.add(self._count_answer, transport, outcome, exemplar)
+            self._metrics.late.add(self._count_answer, transport, outcome, seconds, exemplar)
             if scope is not None:
                 self._tell(transport, outcome, scope, seconds)
         else:
             self._count_failure(transport, outcome, scope)
-        if scope is not None:
-            self._metrics.late.add(self._localize_seconds(transport).observe, seconds, exemplar)
+            self._count_seconds(transport, seconds, exemplar)
+
+    def _count_seconds(self, transport: str, seconds: float, exemplar: dict[str, str] | None) -> None:
+        if not math.isnan(seconds):  # else nobody knows when it began
+            self._localize_seconds(transport).observe(seconds, exemplar)
 
     def _tell(self, transport: str, answer: EncodedAnswer, scope: RequestScope, seconds: float) -> None:
         """Tell the log line, those who watch and the counts of the map of an answer."""
@@ -108,7 +111,10 @@ class AnswerReporter:
         said["reasons"] = [_WORDS[reason] for reason in answer.reasons]
         said["probability"] = round(answer.probability, 4)
 
-    def _count_answer(self, transport: str, answer: EncodedAnswer, exemplar: dict[str, str] | None) -> None:
+    def _count_answer(
+        self, transport: str, answer: EncodedAnswer, seconds: float, exemplar: dict[str, str] | None
+    ) -> None:
+        self._count_seconds(transport, seconds, exemplar)
         verdict = _WORDS[answer.verdict]
         self._verdicts(transport, verdict).inc()
         self._probability(verdict).observe(answer.probability)
@@ -130,6 +136,6 @@ class AnswerReporter:
 
 def _exemplar(scope: RequestScope) -> dict[str, str] | None:
     """The trace id for a metric's exemplar; None where no trace is kept."""
-    if scope.span is None or scope.trace is None or not scope.trace.sampled:
+    if scope.trace is None or not scope.trace.sampled:
         return None
     return {"trace_id": scope.trace.trace_id}

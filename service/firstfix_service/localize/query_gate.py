@@ -78,13 +78,14 @@ class QueryGate:
         """Number of queries that wait or run. Thread-safe."""
         return self._queue.size
 
-    def check_room(self, asker: Asker) -> None:
+    def check_room(self, asked: Asked) -> None:
         """Check that there is room for one more query now. ``run`` takes the room.
 
         Raises:
             Overloaded: the pool is full, or the service stops.
         """
-        self._replaced_by(asker)
+        if self._closed or self._queue.size >= self._limit:
+            self._replaced_by(asked.asker)
 
     async def run(
         self,
@@ -118,7 +119,8 @@ class QueryGate:
             Exception: any error of ``check``, ``prepare`` or ``work``.
         """
         loop = self._loop
-        if (replaced := self._replaced_by(asker)) is not None:
+        is_full = self._closed or self._queue.size >= self._limit
+        if is_full and (replaced := self._replaced_by(asker)) is not None:
             self._refuse(replaced, self._full())
         job = Job(asker, work, loop.create_future(), deadline, size_bytes, contextvars.copy_context())
         self._queue.add(job)

@@ -5,9 +5,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable, Sequence, Set
 from concurrent.futures import Future
+from operator import attrgetter
 
 from ..telemetry.metrics import Metrics
 from .loaded_versions import Lease, LoadedVersions
+
+_SERVED = attrgetter("served")
 
 
 class ServedMaps:
@@ -159,7 +162,7 @@ class Leases:
 
     def __init__(self, leases: Sequence[Lease]) -> None:
         self._leases = leases
-        self.served = tuple([lease.served for lease in leases])
+        self.served = tuple(map(_SERVED, leases))
 
     def close(self) -> None:
         """Close all leases."""

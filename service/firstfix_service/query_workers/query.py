@@ -37,7 +37,6 @@ SEVERAL_MAPS = "*"  # all searches of more than one map take turns as one
 _NOBODY = Principal("")
 _VERDICTS = {one.value: one for one in Verdict}  # to look one up takes longer by its class
 _REASONS = {one.value: one for one in Reason}
-_checked_map_id = lru_cache(REMEMBERED)(check_map_id)
 _asker = lru_cache(REMEMBERED)(Asker)
 
 
@@ -113,18 +112,24 @@ class EncodedAnswer:
         """Bytes and media type: JSON, if there is no pose message."""
         return (self.json, JSON) if self.pose_message is None else (self.pose_message, POSE)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the words of the verdict and the reasons: members of an Enum take longer than all else."""
-        reasons = tuple([reason.value for reason in self.reasons])
-        return _encoded_answer, ({**self.__dict__, "verdict": self.verdict.value, "reasons": reasons},)
+    @property
+    def plain(self) -> tuple[Any, ...]:
+        """The answer without classes: to find these takes a worker's message longer than all else."""
+        reasons = [reason.value for reason in self.reasons]
+        return tuple({**self.__dict__, "verdict": self.verdict.value, "reasons": reasons}.values())
+
+    @staticmethod
+    def of_plain(*plain: Any) -> EncodedAnswer:
+        """The answer whose ``plain`` form this is."""
+        answer = object.__new__(EncodedAnswer)  # as ``Query.filled``
+        fields = answer.__dict__
+        fields.update(zip(_ANSWER_FIELDS, plain, strict=True))
+        fields["verdict"] = _VERDICTS[fields["verdict"]]
+        fields["reasons"] = tuple([_REASONS[reason] for reason in fields["reasons"]])
+        return answer
 
 
-def _encoded_answer(fields: dict[str, Any]) -> EncodedAnswer:
-    answer = object.__new__(EncodedAnswer)  # as ``Query.filled``
-    answer.__dict__.update(fields, verdict=_VERDICTS[fields["verdict"]])
-    if fields["reasons"]:
-        answer.__dict__["reasons"] = tuple([_REASONS[reason] for reason in fields["reasons"]])
-    return answer
+_ANSWER_FIELDS = tuple(EncodedAnswer.__dataclass_fields__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +223,7 @@ class Query:
             NotFound: no map is served yet.
         """
         for map_id in given.map_ids:
-            caller.check_map(_checked_map_id(map_id))
+            caller.check_map(check_map_id(map_id))
         asked = given.query
         options = asked.options
         map_ids = tuple(dict.fromkeys(given.map_ids)) or tuple(filter(caller.sees, served()))
@@ -245,35 +250,37 @@ class Query:
         query.__dict__.update(self.__dict__, **more)
         return query
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the part of the query that a worker process needs beside the body."""
+    @property
+    def plain(self) -> tuple[Any, ...]:
+        """The part of the query that a worker process needs beside the body, as ``EncodedAnswer.plain``."""
         packed = self.packed or _packed(self.options, self.body_format, self.form)
-        rest = self.map_ids, self.deadline, self.waits_ms, self.forms, self.chosen_of
-        return _query, (packed, [version.packed for version in self.versions], *rest)
+        versions = [version.packed for version in self.versions]
+        return packed, versions, self.map_ids, self.deadline, self.waits_ms, self.forms, self.chosen_of
 
-
-def _query(
-    packed: bytes,
-    versions: list[bytes],
-    map_ids: tuple[str, ...],
-    deadline: float,
-    waits_ms: Mapping[str, float],
-    forms: tuple[str, ...],
-    chosen_of: int,
-) -> Query:
-    options, body_format, form = _unpacked(packed)
-    return Query(
-        map_ids,
-        options,
-        body_format,
-        deadline,
-        form,
-        packed=packed,
-        versions=tuple([_unpacked(version) for version in versions]),
-        waits_ms=waits_ms,
-        forms=forms,
-        chosen_of=chosen_of,
-    )
+    @staticmethod
+    def of_plain(
+        packed: bytes,
+        versions: list[bytes],
+        map_ids: tuple[str, ...],
+        deadline: float,
+        waits_ms: Mapping[str, float],
+        forms: tuple[str, ...],
+        chosen_of: int,
+    ) -> Query:
+        """The query whose ``plain`` form this is."""
+        options, body_format, form = _unpacked(packed)
+        return Query(
+            map_ids,
+            options,
+            body_format,
+            deadline,
+            form,
+            packed=packed,
+            versions=tuple([_unpacked(version) for version in versions]),
+            waits_ms=waits_ms,
+            forms=forms,
+            chosen_of=chosen_of,
+        )
 
 
 def remembered(read: Callable[..., AsGiven]) -> Callable[..., AsGiven]:

@@ -14,7 +14,7 @@ import structlog
 from firstfix.telemetry.library_logs import silence_libraries
 
 from ..settings import Settings
-from .request_scope import LAST_LINES_WITHIN_S, LogLines, LogStream, complete, finishing
+from .request_scope import LAST_LINES_WITHIN_S, LogLines, LogStream, complete, hiding_secrets
 
 __all__ = ["LAST_LINES_WITHIN_S", "drain_log", "set_up_logging"]
 
@@ -23,12 +23,15 @@ def set_up_logging(settings: Settings) -> None:
     """Set up the logs of this process. Called by ``serve``, never by an import."""
     level, as_json = settings.log_level, settings.log_json
     secret_urls = [url.get_secret_value() for url in settings.webhook_urls]
-    finish = finishing(_json if as_json else _plain(), secret_urls)
+    render = hiding_secrets(_json if as_json else _plain(), secret_urls)
     handler = logging.StreamHandler(_stream(sys.stderr))
     handler.setFormatter(
         structlog.stdlib.ProcessorFormatter(
             foreign_pre_chain=[complete],
-            processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, finish],
+            processors=[
+                structlog.stdlib.ProcessorFormatter.remove_processors_meta,
+                lambda logger, name, line: render(line),
+            ],
         )
     )
     root = logging.getLogger()
@@ -37,9 +40,9 @@ def set_up_logging(settings: Settings) -> None:
     silence_libraries()
     # Straight to the stream: the way through logging takes as long again, for each request.
     structlog.configure(
-        processors=[complete, finish],
+        processors=[complete],
         wrapper_class=structlog.make_filtering_bound_logger(getattr(logging, level.upper())),
-        logger_factory=lambda name="": LogLines(name, handler),
+        logger_factory=lambda name="": LogLines(name, handler, render),
         cache_logger_on_first_use=True,
     )
 

@@ -16,6 +16,7 @@ from contextlib import AbstractContextManager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
+from functools import partial
 from queue import SimpleQueue
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from opentelemetry.trace import Span
 
 MAX_BYTES = 4 << 20  # of lines that wait for the reader
+UNRENDERED_BYTES = 1 << 10  # that a line counts for before it is rendered
 MAX_WRITE_BYTES = 64 << 10  # lines that are written together
 GATHER_S = 0.2  # in which lines are gathered for one write: each wakes a thread, beside the event loop
 LAST_LINES_WITHIN_S = 2.0  # of the process
@@ -73,9 +75,7 @@ class RequestScope:
 _current: ContextVar[RequestScope | None] = ContextVar("firstfix_request", default=None)
 
 
-def current_request() -> RequestScope | None:
-    """The request that is being served, if any."""
-    return _current.get()
+current_request = _current.get  # the request that is being served, if any
 
 
 def current_caller() -> str:
@@ -198,44 +198,49 @@ def complete(logger: Any, name: str, line: MutableMapping[str, Any]) -> MutableM
 
 
 class LogLines:
-    """Writes finished lines to the stream of a handler. Like the handler, it never fails."""
+    """Writes complete lines to the stream of a handler. Like the handler, it never fails."""
 
-    def __init__(self, name: str, handler: logging.StreamHandler[Any]) -> None:
+    def __init__(
+        self,
+        name: str,
+        handler: logging.StreamHandler[Any],
+        render: Callable[[MutableMapping[str, Any]], str],
+    ) -> None:
         self.name = name
         self._handler = handler
+        self._render = render
 
-    def info(self, line: str) -> None:
+    def info(self, **line: Any) -> None:
         """Write a line, at any level."""
         stream = self._handler.stream
-        if isinstance(stream, LogStream):
-            stream.write(line + "\n")
+        if isinstance(stream, LogStream) and "exc_info" not in line:  # a traceback holds what it names
+            stream.write_later(self._render, line)
             return
+        text = self._render(line) + "\n"
         assert self._handler.lock is not None
         with self._handler.lock, suppress(OSError, ValueError):  # a full disk, or a closed stream
-            stream.write(line + "\n")
+            stream.write(text)
             stream.flush()
 
     debug = warning = error = critical = info
 
 
-def finishing(
+def hiding_secrets(
     render: Callable[[MutableMapping[str, Any]], str], urls: Iterable[str]
-) -> structlog.typing.Processor:
-    """The last log processor, which hides keys, tokens and passwords in the rendered line.
+) -> Callable[[MutableMapping[str, Any]], str]:
+    """A renderer of lines that hides keys, tokens and passwords in them.
 
     Args:
         urls: whose paths and queries are secrets.
     """
     redact = redactor(urls=urls)
-
-    def finish(logger: Any, name: str, line: MutableMapping[str, Any]) -> str:
-        return redact(render(line))
-
-    return finish
+    return lambda line: redact(render(line))
 
 
 class LogStream:
     """A text stream that writes to a file descriptor in a thread of its own. Thread-safe.
+
+    The thread also renders lines, several together: code that has just run takes a third of the time.
 
     Who reads the log may stop: a frozen collector, a full pipe, a hung disk. A write would then wait for it,
     and with it the event loop and all requests. So lines go through a bounded queue. Lines for which there is
@@ -244,7 +249,7 @@ class LogStream:
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
-        self._waiting: SimpleQueue[bytes] = SimpleQueue()
+        self._waiting: SimpleQueue[bytes | partial[str]] = SimpleQueue()
         self._waiting_bytes = 0  # with those that are being written
         self._lost = 0
         self._lock = threading.Lock()
@@ -254,14 +259,21 @@ class LogStream:
 
     def write(self, text: str) -> int:
         """Queues whole lines, or drops them if too many wait. Never blocks."""
-        line = text.encode("utf-8", "backslashreplace")
+        line = _encoded(text)
+        self._put(line, len(line))
+        return len(text)
+
+    def write_later(self, render: Callable[[MutableMapping[str, Any]], str], line: dict[str, Any]) -> None:
+        """Queue a line that is still to be rendered, or drop it if too many wait. Never blocks."""
+        self._put(partial(render, line), UNRENDERED_BYTES)
+
+    def _put(self, line: bytes | partial[str], size: int) -> None:
         with self._lock:
-            if self._waiting_bytes + len(line) > MAX_BYTES:
+            if self._waiting_bytes + size > MAX_BYTES:
                 self._lost += 1
             else:
-                self._waiting_bytes += len(line)
+                self._waiting_bytes += size
                 self._waiting.put(line)
-        return len(text)
 
     def flush(self) -> None:
         """Do nothing: the thread writes as fast as the reader takes it."""
@@ -273,7 +285,7 @@ class LogStream:
 
     def _run(self) -> None:
         while True:
-            line: bytes | None = self._waiting.get()
+            line: bytes | partial[str] | None = self._waiting.get()
             time.sleep(GATHER_S)
             while line is not None:
                 lines, size = self._with_more(line)
@@ -283,13 +295,17 @@ class LogStream:
                     self._written.notify_all()
                 line = None if self._waiting.empty() else self._waiting.get()
 
-    def _with_more(self, line: bytes) -> tuple[bytes, int]:
+    def _with_more(self, line: bytes | partial[str]) -> tuple[bytes, int]:
         """A line and the next ones, with one about lost lines, and the bytes that were counted for them."""
-        lines, size, lost = [line], len(line), 0
+        lines: list[bytes] = []
+        size = lost = 0
+        while True:
+            size += len(line) if isinstance(line, bytes) else UNRENDERED_BYTES
+            lines.append(line if isinstance(line, bytes) else _rendered(line))
+            if size > MAX_WRITE_BYTES or self._waiting.empty():
+                break
+            line = self._waiting.get()
         with self._lock:
-            while not self._waiting.empty() and size <= MAX_WRITE_BYTES:
-                lines.append(self._waiting.get())
-                size += len(lines[-1])
             if self._waiting.empty():
                 lost, self._lost = self._lost, 0
         if lost:
@@ -301,3 +317,16 @@ class LogStream:
         with suppress(OSError):  # a full disk, or a reader that has gone
             while rest:
                 rest = rest[os.write(self._descriptor, rest) :]
+
+
+def _rendered(line: partial[str]) -> bytes:
+    try:
+        return _encoded(line() + "\n")
+    except Exception as error:  # the thread goes on
+        return (
+            b'{"event": "a log line could not be rendered", "error": "%s"}\n' % type(error).__name__.encode()
+        )
+
+
+def _encoded(text: str) -> bytes:
+    return text.encode("utf-8", "backslashreplace")

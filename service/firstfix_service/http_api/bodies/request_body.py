@@ -18,7 +18,7 @@ from firstfix.errors import DeadlineExceeded, Overloaded, TooLarge
 from firstfix.formats.point_cloud import Body
 
 from ...auth.authenticate import CHECK_S, Permission
-from ...http_server.streams import RECEIVE_INTO, RECEIVED, Arrived, ReceiveInto, declared_bytes
+from ...http_server.streams import ARRIVAL, RECEIVE_INTO, RECEIVED, Arrived, ReceiveInto, declared_bytes
 from ...limits.byte_budget import ByteBudget, owners_of_body
 from ...limits.limits import Limits
 
@@ -39,9 +39,13 @@ class BodyReader:
         Raises:
             FirstfixError: also if the permission ends before the body has come.
         """
-        received = self._received(request, caller)
-        if received is not None:
+        if (received := self._received(request, caller)) is not None:
             return received
+        extensions = request.scope.get("extensions", {})
+        if ARRIVAL in extensions and 0 < declared_bytes(request.scope["headers"]) < LONG_BYTES:
+            await extensions[ARRIVAL](CHECK_S)  # the permission is good for so long
+            if (received := self._received(request, caller)) is not None:
+                return received
         body: list[Body] = []
 
         async def read(scope: Scope, receive: Receive, send: Send) -> None:
@@ -128,7 +132,7 @@ def checked_length(request: Request, max_bytes: int) -> int:
     Raises:
         TooLarge: over the limit.
     """
-    declared = declared_bytes(request.scope["headers"])
+    declared = int(dict(request.scope["headers"]).get(b"content-length", 0))
     if declared > max_bytes:
         raise TooLarge(f"the body has {declared} bytes, the limit is {max_bytes}")
     return declared
