@@ -37,6 +37,7 @@ from .http_api.routes import (
     versions,
 )
 from .http_api.routes.absent import absent_routes
+from .http_api.short_way import DirectAnswers
 from .limits.byte_budget import ByteBudget
 from .limits.limits import Limits
 from .limits.turns import Turns
@@ -138,12 +139,11 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     answers = ByteBudget.of_answers(limits.max_unsent_bytes)
     metrics.unsent_bytes.set_function(lambda: answers.bytes)
 
-    def layers(routes: ASGIApp) -> ASGIApp:
-        """Every request passes these, whichever way it goes."""
-        counted = CountedAnswers(WhilePermitted(routes), answers)
-        return RequestLog(counted, metrics, requests, settings.trusted_proxies, turns)
+    def logged(answer: ASGIApp) -> ASGIApp:
+        """Every request passes this, whichever way it goes."""
+        return RequestLog(answer, metrics, requests, settings.trusted_proxies, turns)
 
-    app.take_short_way(layers)
-    app.add_middleware(layers)
+    app.take_short_way(logged(DirectAnswers(answers)))
+    app.add_middleware(lambda routes: logged(CountedAnswers(WhilePermitted(routes), answers)))
     app.add_middleware(PlainStartError)
     return app

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from fnmatch import fnmatchcase
+from functools import cached_property
 
 from ..errors import InvalidOption
 
@@ -73,8 +74,12 @@ class Grant:
 
     def allows(self, scope: Scope) -> bool:
         """Whether a granted scope is or includes this one."""
-        return any(scope in _INCLUDED[given] for given in self.scopes)
+        return scope in self._allowed
 
     def covers(self, map_id: str) -> bool:
         """Whether a pattern matches the map's id. The map need not exist."""
-        return any(fnmatchcase(map_id, pattern) for pattern in self.maps)
+        return "*" in self.maps or any(fnmatchcase(map_id, pattern) for pattern in self.maps)
+
+    @cached_property
+    def _allowed(self) -> frozenset[Scope]:
+        return frozenset().union(*(_INCLUDED[given] for given in self.scopes))

@@ -66,7 +66,7 @@ class Principal:
         Raises:
             Forbidden: it is not. The same whether there is such a map.
         """
-        if not self.sees(map_id):
+        if not self.grant.covers(map_id):
             raise Forbidden(f"not allowed for map {map_id[:80]!r}")
 
     @property

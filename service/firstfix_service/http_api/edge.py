@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
+from types import MappingProxyType
 from typing import Annotated, Any, TypeVar
 
 import structlog
@@ -26,10 +27,10 @@ from ..limits.turns import Turns
 from ..problems import problem_of
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
-from ..telemetry.request_scope import Requests, RequestScope, current_caller, note
+from ..telemetry.request_scope import Requests, RequestScope, note
 from ..thread_pools import AUTH
 from .parts import part_of
-from .turns import PROBES, Turn, turn_of
+from .turns import PROBES, turn_of
 
 Route = TypeVar("Route", bound=Callable[..., Any])
 
@@ -41,6 +42,7 @@ _READING = frozenset({"GET", "HEAD", "OPTIONS"})
 _METHODS = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"}
 _QUIET = {*PROBES, "/metrics"}
 _UNSAID = Needs(Scope.ADMIN)  # no route of this app
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
 _NOSNIFF = (b"x-content-type-options", b"nosniff")
 
 
@@ -97,18 +99,19 @@ async def authorize(request: Request) -> None:
         ReadOnly: the request would change something. The store, which is opened read-only, refuses it too.
         ClientDisconnect: the caller has gone before it was its turn.
     """
-    needs, settings = needs_of(request.scope), _settings_of(request)
-    metrics_are_open = settings.metrics_public or settings.auth != "on"
-    if needs is None or (needs.scope is Scope.METRICS and metrics_are_open):
-        await turn_of(request).wait_to_begin()
+    scope = request.scope
+    needs = needs_of(scope)
+    if needs is None or (needs.scope is Scope.METRICS and _are_metrics_open(request)):
+        await turn_of(scope).wait_to_begin()
         return  # also before the store has answered
-    state, in_path = request.scope["state"], request.path_params
+    state, in_path = scope["state"], scope.get("path_params", _NOTHING)
     authenticator, map_id = part_of(request, Authenticator), in_path.get("map_id")
     credential, address = _credential(request), state["address"]
     caller = await authenticator.authenticate(credential, address)
-    note(caller=caller.name)
-    if not needs.has_queue and await turn_of(request).wait_to_begin(caller.name):
-        caller = await authenticator.authenticate(credential, address)  # its key may be revoked by now
+    if not needs.has_queue:
+        note(caller=caller.name)
+        if await turn_of(scope).wait_to_begin(caller.name):
+            caller = await authenticator.authenticate(credential, address)  # its key may be revoked by now
     authenticator.permit(caller, needs, map_id)
     state["caller"] = caller
     state["permission"] = Permission(authenticator, credential, address, needs.scope, map_id)
@@ -116,8 +119,8 @@ async def authorize(request: Request) -> None:
         status = await AUTH.run(part_of(request, Catalog).builds.shown_status, build_id)
         if not caller.sees(status["map_id"]):
             raise NotFound(f"no build {build_id}")
-    is_change = request.method not in _READING and needs.scope is not Scope.LOCALIZE
-    if settings.read_only and is_change:
+    is_change = scope["method"] not in _READING and needs.scope is not Scope.LOCALIZE
+    if is_change and _settings_of(request).read_only:
         raise ReadOnly("this service is read-only (FIRSTFIX_READ_ONLY): use one that is not")
 
 
@@ -137,6 +140,11 @@ def _settings_of(request: Request) -> Settings:
     return settings
 
 
+def _are_metrics_open(request: Request) -> bool:
+    settings = _settings_of(request)
+    return settings.metrics_public or settings.auth != "on"
+
+
 CallerDep = Annotated[Principal, Depends(caller_of)]
 PermissionDep = Annotated[Permission, Depends(_permission_of)]
 
@@ -147,9 +155,10 @@ def _credential(request: Request) -> str | None:
     Raises:
         Unauthorized: the header is malformed.
     """
-    given = [value for name, value in request.scope["headers"] if name == b"authorization"]
-    if not given:
+    headers = request.scope["headers"]
+    if b"authorization" not in dict(headers):
         return None
+    given = [value for name, value in headers if name == b"authorization"]
     scheme, _, credential = given[0].decode("latin-1").partition(" ")
     if len(given) > 1 or scheme.lower() != "bearer" or not credential.strip():
         raise Unauthorized("a credential comes in one header Authorization, after the word Bearer")
@@ -164,32 +173,33 @@ class LoggedAnswer:
     """
 
     def __init__(self, request: RequestScope, scope: ASGIScope, send: Send) -> None:
-        self._scope, self._send = scope, send
+        self._request, self._scope, self._send = request, scope, send
         self._own_headers = ((b"x-request-id", request.request_id.encode()), _NOSNIFF)
         self.status = 0
 
     async def send(self, message: Message) -> None:
         """Send a message of the answer."""
         if message["type"] == "http.response.start":
-            await self._begin(message["status"])
+            await self._take_turn(message["status"])
             message = {**message, "headers": [*message["headers"], *self._own_headers]}
         await self._send(message)
 
     async def send_whole(self, response: Response) -> bool:
         """Send a short answer at once. Returns False where it has to go by ``send``."""
-        answer_whole: AnswerWhole | None = self._scope.get("extensions", {}).get(ANSWER_WHOLE)
-        if answer_whole is None or len(response.body) > PIECE_BYTES:
+        body = response.body
+        answer_whole: AnswerWhole | None = self._scope.get("extensions", _NOTHING).get(ANSWER_WHOLE)
+        if answer_whole is None or len(body) > PIECE_BYTES:
             return False
-        await self._begin(response.status_code)
-        return answer_whole(
-            response.status_code, (*response.raw_headers, *self._own_headers), bytes(response.body)
-        )
+        status = self.status = response.status_code
+        if status >= 400 or "caller" not in self._request.fields:
+            await self._take_turn(status)
+        return answer_whole(status, (*response.raw_headers, *self._own_headers), bytes(body))
 
-    async def _begin(self, status: int) -> None:
+    async def _take_turn(self, status: int) -> None:
         self.status = status
-        caller = current_caller()
+        caller = self._request.fields.get("caller", "")
         if not caller or status >= 400:  # else a queue has given it its turn
-            await self._scope["state"]["turn"].wait_to_answer(caller)
+            await turn_of(self._scope).wait_to_answer(caller)
 
 
 class RequestLog:
@@ -209,8 +219,10 @@ class RequestLog:
     ) -> None:
         self._app = app
         # Finding a series by its labels takes longer than counting in it. There are few series.
-        self._count = cache(metrics.http_requests.labels)
+        self._answers = cache(metrics.http_requests.labels)
         self._seconds = cache(metrics.http_seconds.labels)
+        self._late = metrics.late
+        self._log = _log.bind()  # finding its logger takes as long as its line
         self._requests = requests
         self._trusted = tuple(trusted)
         self._turns = turns
@@ -224,7 +236,7 @@ class RequestLog:
         start = time.monotonic()
         state = scope.setdefault("state", {})
         state["address"] = address_of(scope, self._trusted)
-        state["turn"] = Turn(self._turns, scope)
+        state["turns"] = self._turns
         with self._requests.scope(
             TRANSPORT,
             None if scope["path"] in _QUIET else scope["method"],
@@ -232,32 +244,33 @@ class RequestLog:
             traceparent=headers.get(b"traceparent", b"").decode("latin-1"),
             started=start,
         ) as request:
-            await self._answer(request, scope, receive, send)
-
-    async def _answer(self, request: RequestScope, scope: ASGIScope, receive: Receive, send: Send) -> None:
-        answer = scope["state"]["answer"] = LoggedAnswer(request, scope, send)
-        try:
-            await self._app(scope, receive, answer.send)
-        except ClientDisconnect:
-            answer.status = CLIENT_GONE
-        except Exception as error:
-            _log.exception("unexpected error")
-            if answer.status:  # it is under way: the connection must break
-                raise
-            await problem_of(error).response()(scope, receive, answer.send)
-        finally:
-            request.status = answer.status
-            self._record(request, scope)
+            answer = state["answer"] = LoggedAnswer(request, scope, send)
+            try:
+                await self._app(scope, receive, answer.send)
+            except ClientDisconnect:
+                answer.status = CLIENT_GONE
+            except Exception as error:
+                _log.exception("unexpected error")
+                if answer.status:  # it is under way: the connection must break
+                    raise
+                await problem_of(error).response()(scope, receive, answer.send)
+            finally:
+                request.status = answer.status
+                self._record(request, scope)
 
     def _record(self, request: RequestScope, scope: ASGIScope) -> None:
         route = getattr(scope.get("route"), "path", "unknown")
         method = scope["method"] if scope["method"] in _METHODS else "other"
-        self._count(method, route, str(request.status)).inc()
-        self._seconds(route).observe(request.seconds)
+        seconds = request.seconds
+        self._late.add(self._count, method, route, request.status, seconds)
         path = scope["path"][:MAX_PATH_CHARS]
         if request.span is not None:
             request.span.update_name(f"{method} {route}")
             attributes = {"http.request.method": method, "http.route": route, "url.path": path}
             request.span.set_attributes({**attributes, "http.response.status_code": request.status})
-        log = _log.debug if route in _QUIET else _log.info
-        log("request", method=method, path=path, **request.line)
+        log = self._log.debug if route in _QUIET else self._log.info
+        log("request", method=method, path=path, **request.line(seconds))
+
+    def _count(self, method: str, route: str, status: int, seconds: float) -> None:
+        self._answers(method, route, str(status)).inc()
+        self._seconds(route).observe(seconds)

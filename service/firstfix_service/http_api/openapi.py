@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -15,7 +15,7 @@ from ..thread_pools import LISTS
 from .edge import public
 from .schema.bodies import SCHEMAS
 from .schema.map_submission import CONFIG_SCHEMAS
-from .short_way import DirectRoute, answer_directly, direct_routes
+from .short_way import DirectRoute, direct_routes
 
 
 class DocumentedApp(FastAPI):
@@ -26,14 +26,14 @@ class DocumentedApp(FastAPI):
 
     _direct: Mapping[str, DirectRoute] = MappingProxyType({})
 
-    def take_short_way(self, layers: Callable[[ASGIApp], ASGIApp]) -> None:
-        """Answer the direct routes that were added within these layers alone.
+    def take_short_way(self, answer_directly: ASGIApp) -> None:
+        """Answer the direct routes that were added by this app, which finds the route in the scope.
 
         Raises:
             TypeError: as ``direct_routes``.
         """
         self._direct = direct_routes(list(iter_route_contexts(self.routes)))
-        self._answer_directly = layers(answer_directly)
+        self._answer_directly = answer_directly
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request, or the lifespan."""

@@ -98,7 +98,7 @@ def part_of(request: Request, kind: type[Part]) -> Part:
     Raises:
         FirstfixError: the service has not started yet, see ``firstfix_service.startup.retry``.
     """
-    found: Part = request.app.state.start.parts[kind]
+    found: Part = request.scope["app"].state.start.parts[kind]
     return found
 
 

@@ -15,13 +15,15 @@ from starlette.types import Receive, Scope, Send
 
 from firstfix.errors import FirstfixError
 
+from ..limits.byte_budget import ByteBudget
 from ..problems import method_not_allowed
 from .edge import LoggedAnswer, authorize
 from .nearest_map import problem_for
+from .response_budget import CountedAnswers
 
 
 class DirectRoute(APIRoute):
-    """A route in the framework's words, for its document. ``answer_directly`` calls its function."""
+    """A route in the framework's words, for its document. ``DirectAnswers`` calls its function."""
 
 
 def direct_routes(routes: Iterable[Any]) -> dict[str, DirectRoute]:
@@ -40,23 +42,42 @@ def direct_routes(routes: Iterable[Any]) -> dict[str, DirectRoute]:
     return found
 
 
-async def answer_directly(scope: Scope, receive: Receive, send: Send) -> None:
-    """Answer a request to the ``DirectRoute`` in its scope, as an ASGI app.
+class EncodedResponse(Response):
+    """An answer whose bytes and headers are there: nothing is left to encode."""
+
+    def __init__(self, body: bytes, headers: Iterable[tuple[bytes, bytes]]) -> None:
+        self.status_code = 200
+        self.background = None
+        self.body = body
+        self.raw_headers = [*headers]
+
+
+class DirectAnswers:
+    """ASGI app that answers requests to the ``DirectRoute`` in their scope.
 
     An unexpected error is for the layer around it.
+
+    Args:
+        budget: of large answers.
     """
-    route: DirectRoute = scope["route"]
-    request: Request = Request(scope, receive, send)
-    methods: set[str] = route.methods or set()
-    response: Response
-    try:
-        if scope["method"] in methods:
-            await authorize(request)
-            response = await route.endpoint(request)
-        else:
-            response = method_not_allowed(methods).response()
-    except FirstfixError as error:
-        response = (await problem_for(request, error)).response()
-    answer: LoggedAnswer = scope["state"]["answer"]
-    if not await answer.send_whole(response):
-        await response(scope, receive, send)
+
+    def __init__(self, budget: ByteBudget) -> None:
+        self._budget = budget
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        route: DirectRoute = scope["route"]
+        request: Request = Request(scope, receive, send)
+        methods: set[str] = route.methods or set()
+        response: Response
+        try:
+            if scope["method"] in methods:
+                await authorize(request)
+                response = await route.endpoint(request)
+            else:
+                response = method_not_allowed(methods).response()
+        except FirstfixError as error:
+            response = (await problem_for(request, error)).response()
+        answer: LoggedAnswer = scope["state"]["answer"]
+        if not await answer.send_whole(response):
+            await CountedAnswers(response, self._budget)(scope, receive, send)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from fastapi import Request
 from starlette.requests import ClientDisconnect
 from starlette.types import Scope
 
@@ -69,7 +68,10 @@ class Turn:
         return caller or str(self._scope["state"]["address"])
 
 
-def turn_of(request: Request) -> Turn:
+def turn_of(scope: Scope) -> Turn:
     """The turn of a request."""
-    turn: Turn = request.state.turn
+    state = scope["state"]
+    turn: Turn | None = state.get("turn")
+    if turn is None:
+        turn = state["turn"] = Turn(state["turns"], scope)
     return turn

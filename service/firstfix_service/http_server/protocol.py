@@ -8,30 +8,30 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import Callable
 from enum import Enum
 from functools import partial
 from typing import Any
+from urllib.parse import unquote
 
 import httptools
 from starlette.requests import ClientDisconnect
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
+from uvicorn.protocols.http.flow_control import HIGH_WATER_LIMIT
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from ..limits.connections import Connections, ConnectionUse, EndReason
+from .exchange import Exchange
 from .streams import (
     ANSWER_WHOLE,
+    ARRIVAL,
     DELAY_ANSWER,
     RECEIVE_INTO,
     RECEIVED,
     WHEN_GONE,
     AnswerDelay,
-    AnswerTransport,
     Arrived,
     ReadingPace,
     Receiver,
-    answer_whole,
     declared_bytes,
-    in_pieces,
     limit_kernel_buffer,
 )
 
@@ -76,13 +76,12 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._linger_bytes, self._linger_limit = 0, self._limits.linger_bytes
         self._keep_alive = False  # the caller's wish; granted after its body was read
         self._refusal: tuple[bytes, str] | None = None
-        self._pace = ReadingPace(self._limits)
-        self.app = in_pieces(self.app, self._answer_begins)
+        self.pace = ReadingPace(self._limits)
         self._answer_bytes: int | None = None  # of the current one, of several; None: not begun; 0: a stream
+        self.cycle: Exchange
         self._is_half_closed = False  # the caller sends no more, and may still read
         self._closing_since: float | None = None
         self._body: asyncio.Future[None] | None = None  # set when a body was received into its buffer
-        self._when_gone: tuple[RequestResponseCycle, Callable[[], None]] | None = None
         self._delay = AnswerDelay()
         self._is_out_of_step = False  # the parser has missed a part of the body: it must not go on
 
@@ -105,8 +104,8 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         """The reason to end the connection now, if there is one."""
         limits = self._limits
         last_check, self._checked_at = self._checked_at, now
-        if self._pace.is_paused:
-            is_too_slow = self._pace.is_too_slow(now, self.transport.get_write_buffer_size())
+        if self.pace.is_paused:
+            is_too_slow = self.pace.is_too_slow(now, self.transport.get_write_buffer_size())
             return EndReason.ANSWER if is_too_slow else None
         if self.transport.is_closing():
             if self._closing_since is None:
@@ -149,19 +148,27 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         """Give the place back."""
         self._all.leave(self)
         super().connection_lost(exc)
-        self._caller_is_gone()
+        if self.cycle is not None:
+            self.cycle.tell_gone()
         self._body_ended(ClientDisconnect())
         self._delay.end()
 
     def data_received(self, data: bytes) -> None:
         """Parse data, or drop it while the connection lingers."""
-        if self._is_lingering or self._is_out_of_step:
+        if self._reading is Reading.LINGER or self._is_out_of_step:
             self._linger_bytes += len(data)
             if self._linger_bytes > self._linger_limit:
                 self.abort()
             return
         self._overhead_bytes += len(data)
-        super().data_received(data)
+        try:
+            self.parser.feed_data(data)
+        except httptools.HttpParserError:
+            self.logger.warning(_INVALID)
+            self.send_400_response(_INVALID)
+            return
+        except httptools.HttpParserUpgrade:
+            self._unsupported_upgrade_warning()
         if self._overhead_bytes > self._limits.max_head_bytes and not self._is_ending:
             self._refuse(*_TOO_LARGE)
 
@@ -187,18 +194,29 @@ class LimitedHttpProtocol(HttpToolsProtocol):
     def pause_writing(self) -> None:
         """Start to measure how fast the caller reads."""
         super().pause_writing()
-        self._pace.paused(self.loop.time())
+        self.pace.paused(self.loop.time())
 
     def resume_writing(self) -> None:
         """End the measurement: the caller has read enough."""
         super().resume_writing()
-        self._pace.resumed(self.loop.time())
+        self.pace.resumed(self.loop.time())
 
     # Called by the parser
 
     def on_message_begin(self) -> None:
         """Start the head of a request."""
-        super().on_message_begin()
+        self.url, self.headers, self.expect_100_continue = b"", [], False
+        self.scope = {  # type: ignore[typeddict-item]  # the rest comes with the whole head
+            "type": "http",
+            "asgi": {"version": self.asgi_version, "spec_version": "2.3"},
+            "http_version": "1.1",
+            "server": self.server,
+            "client": self.client,
+            "scheme": self.scheme,  # type: ignore[typeddict-item]
+            "root_path": self.root_path,
+            "headers": self.headers,
+            "state": self.app_state.copy(),
+        }
         self._head_bytes = self._headers = self._body_bytes = 0
         self._wait_for(Reading.HEAD)
 
@@ -206,53 +224,82 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         """Count the URL as part of the head."""
         self._head_bytes += len(url)
         self._check_head()
-        super().on_url(url)
+        self.url += url
 
     def on_header(self, name: bytes, value: bytes) -> None:
         """Count a header as part of the head."""
         self._headers += 1
         self._head_bytes += len(name) + len(value) + 4
-        self._check_head()
+        if self._head_bytes > self._limits.max_head_bytes or self._headers > self._limits.max_headers:
+            self._stop_parsing(*_TOO_LARGE)
         if self._reading is Reading.HEAD:  # otherwise it is a trailer, which is ignored
-            super().on_header(name, value)
+            name = name.lower()
+            if name == b"expect" and value.lower() == b"100-continue":
+                self.expect_100_continue = True
+            self.headers.append((name, value))
 
     def on_headers_complete(self) -> None:
         """Start the request, if the connection may make it."""
         self._overhead_bytes = 0
-        path = self.url.partition(b"?")[0]
-        if self._use is ConnectionUse.HEALTH_ONLY and path not in HEALTH_PATHS:
+        if self._use is ConnectionUse.HEALTH_ONLY and self.url.partition(b"?")[0] not in HEALTH_PATHS:
             self._stop_parsing(b"503 Service Unavailable", _FULL)
         if len(self.pipeline) >= self._limits.max_pipelined:
             self._stop_parsing(b"429 Too Many Requests", "too many requests at the same time")
-        super().on_headers_complete()
-        # An answer before the end of the body closes the connection, and its headers say so.
-        self._keep_alive = self.cycle.keep_alive and self._use is ConnectionUse.ALL
-        self.cycle.keep_alive = False
-        self.cycle.transport = AnswerTransport(  # type: ignore[assignment]
-            self, self.cycle, self._pace, lambda: self._is_lingering, self._end_after_answer
+        parser, scope, target = self.parser, self.scope, httptools.parse_url(self.url)
+        version, path = parser.get_http_version(), target.path.decode("ascii")
+        scope["method"], scope["http_version"] = parser.get_method().decode("ascii"), version
+        scope["path"], scope["raw_path"] = unquote(path) if "%" in path else path, target.path
+        scope["query_string"] = target.query or b""
+        self._keep_alive = version != "1.0" and parser.should_keep_alive() and self._use is ConnectionUse.ALL
+        before, self.cycle = (
+            self.cycle,
+            Exchange(
+                self,
+                scope,
+                logger=self.logger,
+                access_logger=self.access_logger,
+                access_log=self.access_log,
+                default_headers=self.server_state.default_headers,
+                expect_100_continue=self.expect_100_continue,
+            ),
         )
         extensions: dict[str, Any] = {
             RECEIVE_INTO: partial(self._receive_into, self.cycle),
-            RECEIVED: partial(self._received, self.cycle),
-            WHEN_GONE: partial(self._call_when_gone, self.cycle),
+            RECEIVED: self.cycle.received,
+            ARRIVAL: self.cycle.arrival,
+            WHEN_GONE: self.cycle.when_gone,
             DELAY_ANSWER: self._delay.wait,
-            ANSWER_WHOLE: partial(answer_whole, self.cycle, self._answer_begins),
+            ANSWER_WHOLE: self.cycle.answer_whole,
         }
-        self.scope["extensions"] = extensions
+        scope["extensions"] = extensions
         self._wait_for(Reading.BODY)
+        if before is None or before.response_complete:
+            self._start_asgi_task(self.cycle, self.app)
+        else:
+            self.flow.pause_reading()
+            self.pipeline.appendleft((self.cycle, self.app))
 
     def on_body(self, body: bytes) -> None:
         """Count a piece of the body."""
         self._overhead_bytes = 0
         self._body_bytes += len(body)
-        super().on_body(body)
+        cycle = self.cycle
+        if not cycle.response_complete:
+            cycle.body += body
+            if len(cycle.body) > HIGH_WATER_LIMIT:
+                self.flow.pause_reading()
+            cycle.message_event.set()
 
     def on_message_complete(self) -> None:
         """End the request: the connection may be kept alive now."""
         self._overhead_bytes = 0
-        super().on_message_complete()
-        if not self.cycle.response_started:
-            self.cycle.keep_alive = self._keep_alive
+        cycle = self.cycle
+        if not cycle.response_complete:
+            cycle.more_body = False
+            cycle.message_event.set()
+            cycle.end_wait()
+        if not cycle.response_started:
+            cycle.keep_alive = self._keep_alive
         self._wait_for(Reading.BETWEEN)
 
     def send_400_response(self, msg: str) -> None:
@@ -262,13 +309,17 @@ class LimitedHttpProtocol(HttpToolsProtocol):
     # Called by the cycle of the answer and by the server
 
     def on_response_complete(self) -> None:
-        """Wait for the next request."""
-        if self._is_lingering:
-            self.server_state.total_requests += 1
+        """Wait for the next request. uvicorn would set a timer for it: ``Connections`` looks at all."""
+        self.server_state.total_requests += 1
+        if self._reading is Reading.LINGER:
             return
         self._answer_bytes = None
         self._since = self.loop.time()
-        super().on_response_complete()
+        if not self.transport.is_closing():
+            if self.flow.read_paused:
+                self.flow.resume_reading()
+            if self.pipeline:
+                self._start_asgi_task(*self.pipeline.pop())
         if self._is_half_closed and not self._answering:
             self.transport.close()
 
@@ -277,7 +328,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._keep_alive = False
         super().shutdown()
 
-    def _end_after_answer(self) -> None:
+    def end_after_answer(self) -> None:
         """Close the connection after an answer.
 
         If the request is still arriving, the connection lingers first: the operating system would drop the
@@ -312,7 +363,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         if not body.done():
             body.set_result(None)
 
-    async def _receive_into(self, cycle: RequestResponseCycle, buffer: memoryview, arrived: Arrived) -> None:
+    async def _receive_into(self, cycle: Exchange, buffer: memoryview, arrived: Arrived) -> None:
         """Receive the body of a request, see ``ReceiveInto``."""
         if cycle.waiting_for_100_continue and not cycle.transport.is_closing():
             cycle.transport.write(_CONTINUE)
@@ -332,28 +383,15 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         finally:
             self._body_ended(ClientDisconnect())  # where nobody waits for it any more
 
-    def _received(self, cycle: RequestResponseCycle) -> bytes | None:
-        """See ``Received``."""
-        if cycle.more_body or cycle.disconnected or cycle.response_complete or cycle.waiting_for_100_continue:
-            return None
-        self.flow.resume_reading()
-        body, cycle.body = bytes(cycle.body), bytearray()
-        return body
+    @property
+    def drops_answers(self) -> bool:
+        """True if nothing more is sent."""
+        return self._reading is Reading.LINGER
 
-    def _call_when_gone(self, cycle: RequestResponseCycle, call: Callable[[], None] | None) -> None:
-        """See ``WhenGone``."""
-        self._when_gone = None if call is None else (cycle, call)
-        self._caller_is_gone()
-
-    def _caller_is_gone(self) -> None:
-        """Tell the one who waits for it, if it is so."""
-        if self._when_gone is not None and self._when_gone[0].disconnected:
-            call, self._when_gone = self._when_gone[1], None
-            call()
-
-    def _answer_begins(self, size_bytes: int) -> None:
+    def answer_begins(self, size_bytes: int) -> None:
+        """Begin to measure the caller of an answer, and whether it is a stream."""
         self._answer_bytes = size_bytes
-        self._pace.begin(size_bytes, self.transport.get_write_buffer_size())
+        self.pace.begin(size_bytes, self.transport.get_write_buffer_size())
 
     def _look_for_reset(self) -> None:
         """End the connection if the caller's system has refused what was sent last: the caller is gone."""
@@ -413,13 +451,13 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         if self._answering:  # tells the reader of the body that no more of it will arrive
             self.cycle.disconnected = True
             self.cycle.message_event.set()
-            self._caller_is_gone()
+            self.cycle.tell_gone()
         self._body_ended(ClientDisconnect())
         self._wait_for(Reading.LINGER)
-        self._unset_keepalive_if_required()
         self.flow.resume_reading()
         self.transport.write_eof()
 
 
+_INVALID = "Invalid HTTP request received."
 _CONTINUE = b"HTTP/1.1 100 Continue\r\n\r\n"
 _TOO_LARGE = (b"431 Request Header Fields Too Large", "request header fields too large")

@@ -5,14 +5,10 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import Awaitable, Callable, Iterable
-from typing import Any
-
-from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol, RequestResponseCycle
 
 from ..limits.limits import Limits
 
 PIECE_BYTES = 64 << 10  # of a body, in one write
-App = Callable[[Any, Any, Any], Any]  # ASGI
 
 DELAY_ANSWER = "firstfix.delay_answer"  # extension of the ASGI scope: a ``DelayAnswer``
 DelayAnswer = Callable[[float], Awaitable[bool]]  # seconds; False: the caller has gone meanwhile
@@ -30,7 +26,11 @@ Raises ClientDisconnect if the caller goes, or the error of ``Arrived``.
 
 RECEIVED = "firstfix.received"  # extension of the ASGI scope: a ``Received``
 Received = Callable[[], bytes | None]
-"""The whole body, once, if all of it has arrived with the head; else None, and ``receive`` gives it."""
+"""The whole body, once, if all of it has arrived; else None, and ``receive`` gives it."""
+
+ARRIVAL = "firstfix.arrival"  # extension of the ASGI scope: an ``Arrival``
+Arrival = Callable[[float], Awaitable[None]]
+"""Waits until all of the body has arrived, or the caller has gone, but no more seconds than this."""
 
 ANSWER_WHOLE = "firstfix.answer_whole"  # extension of the ASGI scope: an ``AnswerWhole``
 AnswerWhole = Callable[[int, Iterable[tuple[bytes, bytes]], bytes], bool]
@@ -42,34 +42,6 @@ Returns False, and sends nothing, where it must go by ``send``: it is long, or t
 WHEN_GONE = "firstfix.when_gone"  # extension of the ASGI scope: a ``WhenGone``
 WhenGone = Callable[[Callable[[], None] | None], None]
 """Sets what is called, once, when the caller goes before its answer has begun; None: nothing any more."""
-
-
-def in_pieces(app: App, begins: Callable[[int], None]) -> App:
-    """An app whose long bodies go out in pieces, as the caller takes them in.
-
-    One long write would keep the event loop from all other callers. Between two pieces they have their turn,
-    and a piece waits until the transport has room for it.
-
-    Args:
-        begins: called when an answer begins, with the length that its head declares, or 0.
-    """
-
-    async def answer(scope: Any, receive: Any, send: Any) -> None:
-        async def send_in_pieces(message: Any) -> None:
-            if message["type"] == "http.response.start":
-                await send(message)
-                begins(declared_bytes(message["headers"]))
-                return
-            body = memoryview(message.get("body", b""))
-            while len(body) > PIECE_BYTES:
-                await send({**message, "body": body[:PIECE_BYTES], "more_body": True})
-                body = body[PIECE_BYTES:]
-                await asyncio.sleep(0)
-            await send({**message, "body": body})
-
-        await app(scope, receive, send_in_pieces)
-
-    return answer
 
 
 def declared_bytes(headers: Iterable[tuple[bytes, bytes]]) -> int:
@@ -176,105 +148,6 @@ class ReadingPace:
         waited_s = self._waited_s + (0.0 if self._paused_at is None else now - self._paused_at)
         taken_bytes = max(0, self._written_bytes - unsent_bytes)
         return waited_s > self._limits.answer_timeout_s + taken_bytes / self._bytes_per_s
-
-
-class AnswerTransport:
-    """The transport that one request and its answer use.
-
-    The head of an answer waits for the first piece of its body, and both go out in one write. So if the
-    service is killed, a proxy has seen all of a short answer or nothing, and may ask another replica. Between
-    two writes it could pass on a head that no body follows. A head alone goes out in the loop's next turn.
-
-    Args:
-        is_dropped: whether the connection drops answers.
-        end: closes the connection after an answer.
-    """
-
-    def __init__(
-        self,
-        connection: HttpToolsProtocol,
-        cycle: RequestResponseCycle,
-        pace: ReadingPace,
-        is_dropped: Callable[[], bool],
-        end: Callable[[], None],
-    ) -> None:
-        self._connection = connection
-        self._cycle = cycle
-        self._pace = pace
-        self._is_dropped = is_dropped
-        self._end = end
-        self._head: bytes | None = None
-        self._head_was_written = False
-
-    def write(self, data: bytes | memoryview) -> None:
-        """Write a head or a piece of a body, unless the connection drops answers."""
-        if self._cycle.response_started and not self._head_was_written:  # else 100 Continue, or a body
-            self._head_was_written = True
-            if self._cycle.scope["method"] != "HEAD":
-                self._head = bytes(data)
-                self._connection.loop.call_soon(self._flush)
-                return
-        head, self._head = self._head or b"", None
-        if not self._is_dropped():
-            self._pace.wrote(len(head) + len(data))
-            self._connection.transport.write(head + data if head else data)
-
-    def write_whole(self, data: bytes) -> None:
-        """Write a head and all of its body, unless the connection drops answers."""
-        self._head_was_written = True
-        self.write(data)
-
-    def is_closing(self) -> bool:
-        """True if nothing more can be written."""
-        return self._is_dropped() or self._connection.transport.is_closing()
-
-    def close(self) -> None:
-        """End the connection after what was written."""
-        self._flush()
-        self._end()
-
-    def _flush(self) -> None:
-        if self._head is not None and not self._connection.transport.is_closing():
-            self.write(b"")
-
-
-def answer_whole(
-    cycle: RequestResponseCycle,
-    begins: Callable[[int], None],
-    status: int,
-    headers: Iterable[tuple[bytes, bytes]],
-    body: bytes,
-) -> bool:
-    """See ``AnswerWhole``. It does to the cycle what the two messages of an answer do.
-
-    Args:
-        begins: as of ``in_pieces``.
-    """
-    if (
-        len(body) > PIECE_BYTES
-        or cycle.flow.write_paused
-        or cycle.disconnected
-        or cycle.response_started
-        or cycle.scope["method"] == "HEAD"
-    ):
-        return False
-    lines = [STATUS_LINE[status]]
-    for name, value in (*cycle.default_headers, *headers):
-        if name == b"connection" or b"\r" in value or b"\n" in value:  # ``send`` knows what to do
-            return False
-        lines.append(b"%s: %s\r\n" % (name, value))
-    if not cycle.keep_alive:
-        lines.append(b"connection: close\r\n")
-    cycle.response_started, cycle.waiting_for_100_continue = True, False
-    begins(len(body))
-    transport: Any = cycle.transport
-    transport.write_whole(b"".join((*lines, b"\r\n", body)))
-    cycle.response_complete = True
-    cycle.message_event.set()
-    if not cycle.keep_alive:
-        transport.close()
-    cycle.on_response()
-    return True
 
 
 class Receiver(asyncio.BufferedProtocol):

@@ -36,7 +36,10 @@ def client_address(peer: str | None, forwarded_for: Iterable[str], trusted: Iter
 
 def address_of(scope: Scope, trusted: Iterable[Network]) -> str:
     """The address of a request's caller, see ``client_address``."""
-    peer = scope["client"][0] if scope.get("client") else None
+    client = scope.get("client")
+    peer = client[0] if client else None
+    if not trusted:
+        return _of_peer(peer)
     forwarded_for = [
         value.decode("latin-1") for name, value in scope["headers"] if name == b"x-forwarded-for"
     ]
@@ -66,6 +69,11 @@ def _read(text: str) -> IPv4Address | IPv6Address | None:
     if isinstance(address, IPv6Address):
         return address.ipv4_mapped or address
     return address
+
+
+@lru_cache(4096)
+def _of_peer(peer: str | None) -> str:
+    return client_address(peer, (), ())
 
 
 @lru_cache(4096)

@@ -84,8 +84,11 @@ class ByteBudget:
             is_alone = self.bytes == lease.size and not self._is_strict
             if more and not is_alone and self.bytes + more > self._max_bytes - kept_bytes:
                 raise self._refusal("")
-            self._add(lease.owners, -lease.size)
-            self._add(owners, size)
+            if owners is lease.owners:
+                self._add(owners, more)
+            else:
+                self._add(lease.owners, -lease.size)
+                self._add(owners, size)
             self.bytes += more
 
     def give_back(self, owners: tuple[Owner, ...], size: int) -> None:

@@ -9,12 +9,12 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import Callable, Coroutine
 from contextvars import Context
 from dataclasses import dataclass, field
 from enum import Enum
 from operator import attrgetter
-from typing import Any, TypeVar
+from typing import Any
 
 from .asker import Asker
 from .slow_share import SlowShare
@@ -22,10 +22,6 @@ from .slow_share import SlowShare
 _NEWEST_WEIGHT = 0.1  # in the moving averages
 _PLACES = attrgetter("places")
 MAX_IDLE = 4000  # maps of callers without a query in the gate, whose usual queries are remembered
-
-
-def _mean(old: float, new: float) -> float:
-    return old + _NEWEST_WEIGHT * (new - old)
 
 
 class State(Enum):
@@ -49,6 +45,7 @@ class Job:
         began: time when its work began.
         charged_s: time that its turn was charged when its work began.
         is_slow: whether it counted as slow then.
+        shares: of its caller and of its map, from when it is added.
     """
 
     asker: Asker
@@ -65,21 +62,20 @@ class Job:
     is_slow: bool = False
     timer: asyncio.TimerHandle | None = None
     worker: Any = None
+    shares: tuple[_Caller, _Map] = field(init=False)
 
 
-@dataclass(frozen=True)
+@dataclass
 class UsualQuery:
     """The usual query of a caller in a map: moving averages over those that ended."""
 
     seconds: float
     size_bytes: float
 
-    @classmethod
-    def after(cls, usual: UsualQuery | None, seconds: float, size_bytes: int) -> UsualQuery:
-        """The usual query after one more; None: before the first one."""
-        if usual is None:
-            return cls(seconds, size_bytes)
-        return cls(_mean(usual.seconds, seconds), _mean(usual.size_bytes, size_bytes))
+    def include(self, seconds: float, size_bytes: int) -> None:
+        """Include one more."""
+        self.seconds += _NEWEST_WEIGHT * (seconds - self.seconds)
+        self.size_bytes += _NEWEST_WEIGHT * (size_bytes - self.size_bytes)
 
     def expected_s(self, size_bytes: int) -> float:
         """The time that a query will take: as usual, and longer in proportion if it is larger."""
@@ -113,13 +109,8 @@ class _Map(_Share):
     usual: UsualQuery | None = None
 
     @property
-    def first(self) -> Job:
-        """The query whose turn is next."""
-        return next(iter(self.ready))
-
-    @property
     def ready_since(self) -> float:
-        return self.first.ready_since
+        return next(iter(self.ready)).ready_since
 
 
 @dataclass
@@ -127,20 +118,17 @@ class _Caller(_Share):
     """The queries of one caller.
 
     Attributes:
+        ready: its maps with queries that can run.
         virtual_time_s: of its maps: the used time of the one that had the last turn.
     """
 
     maps: dict[str, _Map] = field(default_factory=dict)
+    ready: dict[str, _Map] = field(default_factory=dict)
     virtual_time_s: float = 0.0
 
     @property
-    def ready(self) -> list[_Map]:
-        """The maps with queries that can run."""
-        return [one for one in self.maps.values() if one.ready]
-
-    @property
     def ready_since(self) -> float:
-        return min(one.ready_since for one in self.ready)
+        return min(one.ready_since for one in self.ready.values())
 
 
 class FairQueue:
@@ -159,80 +147,94 @@ class FairQueue:
         self._slow = SlowShare(workers, clock)
         self._running = 0
         self._virtual_time_s = 0.0  # the used time of the caller that had the last turn
-        self._usual: UsualQuery | None = None  # of all callers
+        self.usual: UsualQuery | None = None  # of all callers
         self.size = 0  # waiting and running
+        self.ready = 0  # that wait for their turn
 
     @property
     def mean_s(self) -> float:
         """Moving average of the time of a query, of all callers."""
-        return 1.0 if self._usual is None else self._usual.seconds
+        return 1.0 if self.usual is None else self.usual.seconds
 
     def add(self, job: Job) -> None:
         """Add a query that is being prepared."""
-        caller = self._callers.get(job.asker.caller)
+        asker = job.asker
+        caller = self._callers.get(asker.caller)
         if caller is None:
-            caller = self._callers[job.asker.caller] = _Caller()
-        of_map = caller.maps.get(job.asker.map_id)
+            caller = self._callers[asker.caller] = _Caller()
+        of_map = caller.maps.get(asker.map_id)
         if of_map is None:
-            of_map = caller.maps[job.asker.map_id] = _Map()
+            of_map = caller.maps[asker.map_id] = _Map()
+        job.shares = caller, of_map
         of_map.waiting[job] = None
         caller.places += 1
-        self._present[job.asker.caller] = caller
+        self._present[asker.caller] = caller
         of_map.places += 1
-        self._idle.pop(job.asker, None)
-        self._slow.entered(job.asker)
+        self._idle.pop(asker, None)
+        self._slow.entered(asker)
         self.size += 1
 
     def make_ready(self, job: Job) -> None:
         """Let a prepared query wait for its turn."""
-        caller, of_map = self._shares(job)
+        caller, of_map = job.shares
         job.state, job.ready_since = State.READY, self._clock()
         of_map.ready[job] = None
+        caller.ready[job.asker.map_id] = of_map
         caller.used_s = max(caller.used_s, self._virtual_time_s)
         of_map.used_s = max(of_map.used_s, caller.virtual_time_s)
+        self.ready += 1
 
     def remove(self, job: Job) -> None:
         """Remove a query that waits."""
-        _, of_map = self._shares(job)
-        del of_map.waiting[job]
-        of_map.ready.pop(job, None)
+        if job.state is State.READY:
+            self._take(job)
+        else:
+            del job.shares[1].waiting[job]
         self._leave(job)
 
     def next(self) -> Job | None:
         """The query to run now, which then counts as running; None if no query can run."""
-        if self._running >= self._workers:
+        if not self.ready or self._running >= self._workers:
             return None
         callers = [one for one in self._present.values() if one.ready]
-        for caller in _by_turns(callers):
-            ready = caller.ready
-            for of_map in _by_turns(ready):
-                job = of_map.first
-                job.charged_s = self._expected_s(of_map, job)
+        if len(callers) > 1:
+            callers.sort(key=_turn)
+        for caller in callers:
+            maps = list(caller.ready.values())
+            if len(maps) > 1:
+                maps.sort(key=_turn)
+            for of_map in maps:
+                job = next(iter(of_map.ready))
+                usual = of_map.usual or self.usual
+                job.charged_s = 0.0 if usual is None else usual.expected_s(job.size_bytes)
                 job.is_slow = self._slow.is_slow(job.charged_s)
                 if job.is_slow and not self._slow.may_begin(job.asker):
                     continue
-                # Who may not use its turn now does not save it up.
-                self._virtual_time_s = _virtual_time_of(callers, caller)
-                caller.virtual_time_s = _virtual_time_of(ready, of_map)
+                # The virtual time is that of who has the turn, and all who wait come up to it. Who may not
+                # use its turn now does not save it up.
+                self._virtual_time_s, caller.virtual_time_s = caller.used_s, of_map.used_s
+                for waiting in callers:
+                    waiting.used_s = max(waiting.used_s, caller.used_s)
+                for beside in maps:
+                    beside.used_s = max(beside.used_s, of_map.used_s)
                 self._begin(job, caller, of_map)
                 return job
         return None
 
     def ended(self, job: Job, seconds: float) -> None:
         """Remove a query whose work has ended, after so many seconds."""
-        caller, of_map = self._shares(job)
+        caller, of_map = job.shares
+        size_bytes = job.size_bytes
         self._running -= 1
-        self._slow.ended(job.asker, job.is_slow)
+        self._slow.runs(job.asker, -job.is_slow)
         caller.used_s = max(caller.used_s + seconds - job.charged_s, self._virtual_time_s)
         of_map.used_s = max(of_map.used_s + seconds - job.charged_s, caller.virtual_time_s)
-        of_map.usual = UsualQuery.after(of_map.usual, seconds, job.size_bytes)
-        self._usual = UsualQuery.after(self._usual, seconds, job.size_bytes)
+        for one in (of_map, self):
+            if one.usual is None:
+                one.usual = UsualQuery(seconds, size_bytes)
+            else:
+                one.usual.include(seconds, size_bytes)
         self._leave(job)
-
-    @property
-    def is_any_ready(self) -> bool:
-        """True if a query waits for its turn."""
-        return any(caller.ready for caller in self._present.values())
 
     def waiting(self) -> list[Job]:
         """All queries that wait."""
@@ -255,21 +257,25 @@ class FairQueue:
             return None
         return next(reversed(fullest.waiting))
 
-    def _expected_s(self, of_map: _Map, job: Job) -> float:
-        usual = of_map.usual or self._usual
-        return 0.0 if usual is None else usual.expected_s(job.size_bytes)
-
     def _begin(self, job: Job, caller: _Caller, of_map: _Map) -> None:
-        del of_map.ready[job], of_map.waiting[job]
+        self._take(job)
         job.state = State.RUNNING
         caller.used_s += job.charged_s
         of_map.used_s += job.charged_s
         self._running += 1
-        self._slow.began(job.asker, job.is_slow)
+        self._slow.runs(job.asker, job.is_slow)
+
+    def _take(self, job: Job) -> None:
+        """Take a query out of those that can run."""
+        caller, of_map = job.shares
+        del of_map.waiting[job], of_map.ready[job]
+        if not of_map.ready:
+            del caller.ready[job.asker.map_id]
+        self.ready -= 1
 
     def _leave(self, job: Job) -> None:
         """Give back the place of a query."""
-        caller, of_map = self._shares(job)
+        caller, of_map = job.shares
         job.state = State.GONE
         caller.places -= 1
         of_map.places -= 1
@@ -292,27 +298,10 @@ class FairQueue:
         if not caller.maps:
             del self._callers[asker.caller]
 
-    def _shares(self, job: Job) -> tuple[_Caller, _Map]:
-        caller = self._callers[job.asker.caller]
-        return caller, caller.maps[job.asker.map_id]
 
-
-S = TypeVar("S", _Caller, _Map)
-
-
-def _by_turns(shares: Iterable[S]) -> list[S]:
-    """Sort those who are ready: by the time that they have used, and by how long they wait."""
-    several = list(shares)
-    if len(several) > 1:
-        several.sort(key=lambda one: (one.used_s, one.ready_since))
-    return several
-
-
-def _virtual_time_of(shares: Iterable[_Share], chosen: _Share) -> float:
-    """The virtual time of a turn: the used time of the one who has it. All who wait come up to it."""
-    for one in shares:
-        one.used_s = max(one.used_s, chosen.used_s)
-    return chosen.used_s
+def _turn(one: _Caller | _Map) -> tuple[float, float]:
+    """The order of those who are ready: by the time that they have used, and by how long they wait."""
+    return one.used_s, one.ready_since
 
 
 def _fullest(caller: _Caller) -> _Map | None:

@@ -19,7 +19,8 @@ class SlowShare:
 
     def __init__(self, workers: int, clock: Callable[[], float]) -> None:
         self._workers = workers
-        self._callers, self._maps = _Names(clock), _Names(clock)
+        self._clock = clock
+        self._names = _Names(), _Names()  # of callers and of maps
 
     def is_slow(self, expected_s: float) -> bool:
         """Whether a query counts as slow, beside others that are not."""
@@ -27,69 +28,58 @@ class SlowShare:
 
     def may_begin(self, asker: Asker) -> bool:
         """Whether another slow query of this caller and map leaves a worker to the others."""
+        since = self._clock() - Limits.recent_s
         return all(
-            names.slow.get(name, 0) < self._workers - 1 or not names.has_others(name)
-            for names, name in self._both(asker)
+            names.slow.get(name, 0) < self._workers - 1 or not names.has_others(name, since)
+            for names, name in zip(self._names, asker, strict=True)
         )
 
     def entered(self, asker: Asker) -> None:
         """Note that a query came into the gate."""
-        for names, name in self._both(asker):
+        for names, name in zip(self._names, asker, strict=True):
             names.present[name] = names.present.get(name, 0) + 1
 
     def left(self, asker: Asker) -> None:
         """Note that a query left the gate."""
-        for names, name in self._both(asker):
-            _take_one(names.present, name)
+        for names, name in zip(self._names, asker, strict=True):
+            left = names.present.pop(name) - 1
+            if left:
+                names.present[name] = left
 
-    def began(self, asker: Asker, is_slow: bool) -> None:
-        """Note that a worker has a query."""
-        for names, name in self._both(asker):
-            names.answered_now(name)
-            if is_slow:
-                names.slow[name] = names.slow.get(name, 0) + 1
+    def runs(self, asker: Asker, slow: int) -> None:
+        """Note that a worker has a query, or that it has answered. Other names may be invented.
 
-    def ended(self, asker: Asker, is_slow: bool) -> None:
-        """Note that the worker has answered."""
-        for names, name in self._both(asker):
-            names.answered_now(name)
-            if is_slow:
-                _take_one(names.slow, name)
-
-    def _both(self, asker: Asker) -> tuple[tuple[_Names, str], tuple[_Names, str]]:
-        return (self._callers, asker.caller), (self._maps, asker.map_id)
-
-
-def _take_one(counts: dict[str, int], name: str) -> None:
-    left = counts.pop(name, 1) - 1
-    if left:
-        counts[name] = left
+        Args:
+            slow: number of slow queries that run now and did not before.
+        """
+        now = self._clock()
+        for names, name in zip(self._names, asker, strict=True):
+            names.answered[name] = now
+            names.answered.move_to_end(name)
+            if len(names.answered) > _MAX_NAMES:
+                names.answered.popitem(last=False)
+            if slow:
+                names.slow[name] = names.slow.get(name, 0) + slow
+                if not names.slow[name]:
+                    del names.slow[name]
 
 
 class _Names:
     """Callers, or maps.
 
     Attributes:
+        answered: when those were answered that were answered last; the latest last.
         present: number of queries in the gate.
         slow: number of slow queries that run.
     """
 
-    def __init__(self, clock: Callable[[], float]) -> None:
-        self._clock = clock
-        self._answered: OrderedDict[str, float] = OrderedDict()  # when; the latest last
+    def __init__(self) -> None:
+        self.answered: OrderedDict[str, float] = OrderedDict()
         self.present: dict[str, int] = {}
         self.slow: dict[str, int] = {}
 
-    def answered_now(self, name: str) -> None:
-        """Note that a query of this name runs. Names that are never answered may be invented."""
-        self._answered[name] = self._clock()
-        self._answered.move_to_end(name)
-        if len(self._answered) > _MAX_NAMES:
-            self._answered.popitem(last=False)
-
-    def has_others(self, name: str) -> bool:
-        """Whether another name has a query in the gate, or was answered lately."""
+    def has_others(self, name: str, since: float) -> bool:
+        """Whether another name has a query in the gate, or was answered since then."""
         if len(self.present) > (name in self.present):
             return True
-        since = self._clock() - Limits.recent_s
-        return any(other != name and then > since for other, then in self._answered.items())
+        return any(other != name and then > since for other, then in self.answered.items())

@@ -58,13 +58,16 @@ class AnswerCounts:
         now_s = self._clock()
         step = int(now_s // STEP_S)
         with self._lock:
-            steps = self._maps.setdefault(map_id, _Steps())
+            steps = self._maps.get(map_id)
+            if steps is None:
+                steps = self._maps[map_id] = _Steps()
             self._maps.move_to_end(map_id)
             steps.last_s = now_s
-            if step not in steps.counts:
+            counted = steps.counts.get(step)
+            if counted is None:
                 for old in [one for one in steps.counts if one <= step - DAY_S // STEP_S]:
                     del steps.counts[old]
-            counted = steps.counts.setdefault(step, [0, 0])
+                counted = steps.counts[step] = [0, 0]
             counted[0] += 1
             counted[1] += is_localized
             if len(self._maps) > MAX_MAPS:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 
-from firstfix.answer.localization import Verdict
+from firstfix.answer.localization import Reason, Verdict
 from firstfix.catalog.recorded_queries import REPLAY
 from firstfix.formats.point_cloud import Body
 
@@ -20,6 +21,7 @@ from .query_recorder import QueryRecorder, is_replay
 from .recent_answers import RecentAnswers
 
 _OK = 200
+_WORDS = {one: one.value for one in (*Verdict, *Reason)}
 
 
 class AnswerReporter:
@@ -63,7 +65,8 @@ class AnswerReporter:
         scope = current_request()
         if scope is not None and scope.span is not None and self._requests.tracing is not None:
             self._requests.tracing.stages(scope.span, started_ns(queued), answer.timings_ms)
-        note(body_bytes=len(body))
+        if scope is not None:
+            scope.fields["body_bytes"] = len(body)
         if self._recorder is not None:
             self._recorder.offer(query, body, answer, scope)
         if self._webhooks is not None and scope is not None and not is_replay(query, scope):
@@ -80,36 +83,45 @@ class AnswerReporter:
     def count(self, transport: str, outcome: EncodedAnswer | BaseException) -> None:
         """Count one query, answered or failed."""
         scope = current_request()
+        seconds = math.nan if scope is None else scope.seconds
+        exemplar = None if scope is None or scope.span is None else _exemplar(scope)
         if isinstance(outcome, EncodedAnswer):
-            self._count_answer(transport, outcome, scope)
+            self._metrics.late.add(self._count_answer, transport, outcome, seconds, exemplar)
+            if scope is not None:
+                self._tell(transport, outcome, scope, seconds)
         else:
             self._count_failure(transport, outcome, scope)
-        if scope is not None:
-            self._localize_seconds(transport).observe(scope.seconds, _exemplar(scope))
+            self._count_seconds(transport, seconds, exemplar)
 
-    def _count_answer(self, transport: str, answer: EncodedAnswer, scope: RequestScope | None) -> None:
-        verdict = answer.verdict.value
+    def _count_seconds(self, transport: str, seconds: float, exemplar: dict[str, str] | None) -> None:
+        if not math.isnan(seconds):  # else nobody knows when it began
+            self._localize_seconds(transport).observe(seconds, exemplar)
+
+    def _tell(self, transport: str, answer: EncodedAnswer, scope: RequestScope, seconds: float) -> None:
+        """Tell the log line, those who watch and the counts of the map of an answer."""
+        scope.status = _OK
+        said = scope.fields
+        robot = said.get("robot") or said.get("key_name", "")
+        self._recent.add(said.get("caller", ""), transport, seconds, answer, robot)
+        if answer.map_id and not scope.request_id.startswith(REPLAY):
+            self._counts.add(answer.map_id, answer.verdict is Verdict.LOCALIZED)
+        said["map_id"] = answer.map_id
+        said["map_version"] = answer.map_version
+        said["verdict"] = _WORDS[answer.verdict]
+        said["reasons"] = [_WORDS[reason] for reason in answer.reasons]
+        said["probability"] = round(answer.probability, 4)
+
+    def _count_answer(
+        self, transport: str, answer: EncodedAnswer, seconds: float, exemplar: dict[str, str] | None
+    ) -> None:
+        self._count_seconds(transport, seconds, exemplar)
+        verdict = _WORDS[answer.verdict]
         self._verdicts(transport, verdict).inc()
         self._probability(verdict).observe(answer.probability)
         for reason in answer.reasons:
-            self._reasons(reason.value).inc()
-        exemplar = None if scope is None else _exemplar(scope)
+            self._reasons(_WORDS[reason]).inc()
         for stage, ms in answer.timings_ms.items():
             self._stage_seconds(stage).observe(ms / 1e3, exemplar)
-        if scope is not None:
-            scope.status = _OK
-            said = scope.fields
-            robot = said.get("robot") or said.get("key_name", "")
-            self._recent.add(said.get("caller", ""), transport, scope.seconds, answer, robot)
-            if answer.map_id and not scope.request_id.startswith(REPLAY):
-                self._counts.add(answer.map_id, answer.verdict is Verdict.LOCALIZED)
-        note(
-            map_id=answer.map_id,
-            map_version=answer.map_version,
-            verdict=verdict,
-            reasons=[reason.value for reason in answer.reasons],
-            probability=round(answer.probability, 4),
-        )
 
     def _count_failure(self, transport: str, error: BaseException, scope: RequestScope | None) -> None:
         problem = problem_of(error)
@@ -124,6 +136,6 @@ class AnswerReporter:
 
 def _exemplar(scope: RequestScope) -> dict[str, str] | None:
     """The trace id for a metric's exemplar; None where no trace is kept."""
-    if scope.span is None or scope.trace is None or not scope.trace.sampled:
+    if scope.trace is None or not scope.trace.sampled:
         return None
     return {"trace_id": scope.trace.trace_id}

@@ -32,6 +32,7 @@ T = TypeVar("T")
 MAX_RETRY_AFTER_S = 60.0
 ATTEMPTS = 2  # of a query whose process dies
 UP_WITHIN_S = 30.0  # for any worker process to come up, before those that wait are refused
+_WAITING = (State.PREPARING, State.READY)
 AskWorker = Callable[[Asked], Awaitable[Answered]]
 
 
@@ -77,13 +78,14 @@ class QueryGate:
         """Number of queries that wait or run. Thread-safe."""
         return self._queue.size
 
-    def check_room(self, asker: Asker) -> None:
+    def check_room(self, asked: Asked) -> None:
         """Check that there is room for one more query now. ``run`` takes the room.
 
         Raises:
             Overloaded: the pool is full, or the service stops.
         """
-        self._replaced_by(asker)
+        if self._closed or self._queue.size >= self._limit:
+            self._replaced_by(asked.asker)
 
     async def run(
         self,
@@ -117,7 +119,8 @@ class QueryGate:
             Exception: any error of ``check``, ``prepare`` or ``work``.
         """
         loop = self._loop
-        if (replaced := self._replaced_by(asker)) is not None:
+        is_full = self._closed or self._queue.size >= self._limit
+        if is_full and (replaced := self._replaced_by(asker)) is not None:
             self._refuse(replaced, self._full())
         job = Job(asker, work, loop.create_future(), deadline, size_bytes, contextvars.copy_context())
         self._queue.add(job)
@@ -140,7 +143,8 @@ class QueryGate:
         finally:
             if job.timer is not None:
                 job.timer.cancel()
-            self._leave(job)
+            if job.state in _WAITING:
+                self._leave(job)
 
     async def close(self) -> None:
         """Refuse the queries that wait, and wait for the end of those that run."""
@@ -185,7 +189,8 @@ class QueryGate:
                 self._free.append(worker)
                 break
             self._begin(job, worker)
-        self._expect_workers()
+        if self._giving_up is not None or self._queue.ready or self._waiting_for_new_worker:
+            self._expect_workers()
 
     def _begin(self, job: Job, worker: QueryWorker) -> None:
         job.began, job.worker = time.monotonic(), worker
@@ -215,7 +220,7 @@ class QueryGate:
     def _expect_workers(self) -> None:
         """Give queries up that wait, if no worker answers one and none comes up in time."""
         is_any_up = self._free or len(self._running) > len(self._waiting_for_new_worker)
-        if is_any_up or not (self._waiting_for_new_worker or self._queue.is_any_ready):
+        if is_any_up or not (self._waiting_for_new_worker or self._queue.ready):
             if self._giving_up is not None:
                 self._giving_up.cancel()
                 self._giving_up = None
@@ -257,7 +262,7 @@ class QueryGate:
 
     def _leave(self, job: Job) -> None:
         """Remove a query that has not begun."""
-        if job.state in (State.PREPARING, State.READY):
+        if job.state in _WAITING:
             self._queue.remove(job)
             if job.prepared is not None:
                 job.prepared.close()

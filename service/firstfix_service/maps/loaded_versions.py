@@ -6,6 +6,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import structlog
 
@@ -60,7 +61,8 @@ class LoadedVersions:
         self._max_versions, self._max_bytes = max_versions, max_bytes
         self._must_stay = must_stay
         self._on_evict = on_evict
-        self._changed = threading.Condition()
+        self._lock = threading.RLock()
+        self._changed = threading.Condition(self._lock)
         self._loaded: EvictionOrder = EvictionOrder(is_protected)
         self._leaving: set[LoadedVersion] = set()
         self._leaving_bytes = 0
@@ -103,7 +105,7 @@ class LoadedVersions:
 
     def lease(self, key: Key) -> Lease | None:
         """A lease of a version; None if it is not in memory."""
-        with self._changed:
+        with self._lock:
             version = self._loaded.use(key)
             return None if version is None else self._lease(version)
 
@@ -171,14 +173,14 @@ class LoadedVersions:
 
     def _lease(self, version: LoadedVersion) -> Lease:
         version.leases += 1
-        return Lease(version.files.served, lambda: self._give_back(version), lambda: self._renew(version))
+        return Lease(version.files.served, partial(self._give_back, version), partial(self._renew, version))
 
     def _renew(self, version: LoadedVersion) -> Lease:
-        with self._changed:
+        with self._lock:
             return self._lease(version)
 
     def _give_back(self, version: LoadedVersion) -> None:
-        with self._changed:
+        with self._lock:
             version.leases -= 1
             if version.is_leaving and not version.leases:
                 self._unloader.submit(self._unload, version)

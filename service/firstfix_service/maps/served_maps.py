@@ -5,9 +5,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable, Sequence, Set
 from concurrent.futures import Future
+from operator import attrgetter
 
 from ..telemetry.metrics import Metrics
 from .loaded_versions import Lease, LoadedVersions
+
+_SERVED = attrgetter("served")
 
 
 class ServedMaps:
@@ -83,10 +86,13 @@ class ServedMaps:
 
     def lease_loaded(self, map_id: str, version: str | None = None) -> Leases | None:
         """The version of one map, if it is in memory: without the futures of ``lease``."""
-        lease = self._loaded.lease((map_id, version or self.version(map_id) or ""))
+        if not version:
+            with self._lock:
+                version = self._serving.get(map_id, "")
+        lease = self._loaded.lease((map_id, version))
         if lease is None:
             return None
-        self._hits.inc()
+        self._metrics.late.add(self._hits.inc)
         return Leases([lease])
 
     def lease_some(self, map_ids: Sequence[str]) -> SomeLeases:
@@ -156,7 +162,7 @@ class Leases:
 
     def __init__(self, leases: Sequence[Lease]) -> None:
         self._leases = leases
-        self.served = tuple(lease.served for lease in leases)
+        self.served = tuple(map(_SERVED, leases))
 
     def close(self) -> None:
         """Close all leases."""

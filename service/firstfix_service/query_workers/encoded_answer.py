@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, replace
 
 import numpy as np
@@ -101,7 +101,13 @@ def encoded_answer(
         to_json(answer),
         pose_message,
         T_map_body if geographic else None,
+        server_timing(answer.timings_ms),
     )
+
+
+def server_timing(timings_ms: Mapping[str, float]) -> bytes:
+    """Milliseconds by stage as a Server-Timing header."""
+    return ", ".join([f"{stage};dur={ms:.3f}" for stage, ms in timings_ms.items()]).encode()
 
 
 def to_json(answer: Localization) -> bytes:

@@ -12,7 +12,7 @@ import threading
 import time
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, Never
 
 from firstfix.errors import DeadlineExceeded, FirstfixError, TooLarge
 
@@ -96,9 +96,11 @@ class QueryWorkerHandle:
         """
         if not self._query_lock.acquire(blocking=False):
             raise QueryWorkerDied("it is being closed")
+        replied = self._replied = self._answering_loop().create_future()
+        stuck = replied.get_loop().call_later(self._query_timeout_s, self._stuck, replied)
         try:
             self._send(asked)
-            reply = await self._reply()
+            good, value = await replied
             self._bodies.trim(len(asked.body))
         except (EOFError, OSError) as error:
             self.kill()  # it may only have stalled
@@ -109,8 +111,10 @@ class QueryWorkerHandle:
             self.kill()
             raise
         finally:
+            stuck.cancel()
+            self._replied = None
             self._query_lock.release()
-        answer: Answered = _unwrap(reply)
+        answer: Answered = value if good else _raised(value)
         return answer
 
     def load(self, version: ServedVersion) -> int:
@@ -188,25 +192,15 @@ class QueryWorkerHandle:
         if self._queries.sendmsg(parts) < sum(map(len, parts)):
             raise BlockingIOError("it does not read")
 
-    async def _reply(self) -> tuple[bool, Any]:
-        """The reply to the query that was sent.
-
-        Raises:
-            EOFError, OSError: the process has ended.
-            DeadlineExceeded: there is none within the time.
-        """
-        stuck = DeadlineExceeded(f"the query was stopped: it ran for over {self._query_timeout_s:g} s")
-        loop = asyncio.get_running_loop()
-        self._replied = replied = loop.create_future()
-        timer = loop.call_later(self._query_timeout_s, _end, replied, stuck)
+    def _answering_loop(self) -> asyncio.AbstractEventLoop:
+        """The running loop, which reads the replies."""
         if self._loop is None:  # to begin to read, and to stop, takes longer than a reply
-            self._loop = loop
-            loop.add_reader(self._queries, self._read)
-        try:
-            return await replied
-        finally:
-            timer.cancel()
-            self._replied = None
+            self._loop = asyncio.get_running_loop()
+            self._loop.add_reader(self._queries, self._read)
+        return self._loop
+
+    def _stuck(self, replied: asyncio.Future[tuple[bool, Any]]) -> None:
+        _end(replied, DeadlineExceeded(f"the query was stopped: it ran for over {self._query_timeout_s:g} s"))
 
     def _read(self) -> None:
         """Read what the process has sent."""
@@ -246,7 +240,8 @@ class QueryWorkerHandle:
         if reply is None:
             self.kill()
             raise QueryWorkerDied(f"it did not answer within {LOAD_WITHIN_S:g} s")
-        return _unwrap(reply)
+        good, value = reply
+        return value if good else _raised(value)
 
 
 def _end(future: asyncio.Future[Any], error: Exception) -> None:
@@ -254,8 +249,5 @@ def _end(future: asyncio.Future[Any], error: Exception) -> None:
         future.set_exception(error)
 
 
-def _unwrap(reply: tuple[bool, Any]) -> Any:
-    good, value = reply
-    if good:
-        return value
+def _raised(value: Any) -> Never:
     raise value if isinstance(value, FirstfixError) else QueryWorkerDefect(value)

@@ -23,15 +23,17 @@ import socket
 import struct
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from firstfix.errors import TooLarge
 from firstfix.formats.point_cloud import Body
 
 from .look import Asked
+from .query import EncodedAnswer, Query
 
 LOAD, WARM, DROP, HELLO, TAKE = "load", "warm", "drop", "hello", "take"  # over the other socket, for control
+QUERY, ANSWER, OTHER = "query", "answer", "other"  # of a pickled object: a plain form, or any other object
 INLINE_BYTES = 32 << 10
 KEPT_BYTES = 4 << 20  # of memory, after a query; larger bodies are rare
 _HEAD = struct.Struct("<IIQ")
@@ -39,10 +41,18 @@ _MAX_MESSAGE_BYTES = 1 << 30
 _ROOM_BYTES = 128 << 10
 
 
+_READ: dict[str, Callable[..., Any]] = {
+    QUERY: Query.of_plain,
+    ANSWER: lambda *plain: (True, EncodedAnswer.of_plain(*plain)),
+    OTHER: lambda told: told,
+}
+
+
 def message_of(asked: Asked) -> list[Body]:
     """The parts of the message of a query or a look. A body over INLINE_BYTES is only announced."""
     size = len(asked.body)
-    pickled = pickle.dumps(asked, pickle.HIGHEST_PROTOCOL)
+    told = (QUERY, *asked.plain) if isinstance(asked, Query) else (OTHER, asked)
+    pickled = pickle.dumps(told, pickle.HIGHEST_PROTOCOL)
     if size > INLINE_BYTES:
         return [_HEAD.pack(len(pickled), 0, size), pickled]
     return [_HEAD.pack(len(pickled), size, 0), pickled, asked.body]
@@ -54,7 +64,8 @@ def reply_of(good: bool, value: object) -> list[Body]:
     Args:
         good: the value is the result; otherwise it is the error.
     """
-    pickled = pickle.dumps((good, value), pickle.HIGHEST_PROTOCOL)
+    told = (ANSWER, *value.plain) if isinstance(value, EncodedAnswer) else (OTHER, (good, value))
+    pickled = pickle.dumps(told, pickle.HIGHEST_PROTOCOL)
     return [_HEAD.pack(len(pickled), 0, 0), pickled]
 
 
@@ -99,7 +110,8 @@ class MessageReader:
             return None
         self._have = 0
         message = memoryview(self._room)[_HEAD.size : size]
-        return pickle.loads(message[:pickled]), message[pickled:], shared
+        kind, *told = pickle.loads(message[:pickled])
+        return _READ[kind](*told), message[pickled:], shared
 
     def forget(self) -> None:
         """Give back the room of a long message, once it has been used."""

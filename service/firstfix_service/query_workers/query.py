@@ -35,6 +35,9 @@ REMEMBERED_CHARS = 500  # in a longer head a prior or a motion is, which does no
 CHOSEN_MAPS = 8  # of all that a caller sees, if a query names none and they are more than MAX_MAPS
 SEVERAL_MAPS = "*"  # all searches of more than one map take turns as one
 _NOBODY = Principal("")
+_VERDICTS = {one.value: one for one in Verdict}  # to look one up takes longer by its class
+_REASONS = {one.value: one for one in Reason}
+_asker = lru_cache(REMEMBERED)(Asker)
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ class ServedVersion:
 
     @cached_property
     def packed(self) -> bytes:
-        """This version for the worker processes, as ``Meaning.packed``."""
+        """This version for the worker processes, as ``Query.packed``."""
         return pickle.dumps(self, pickle.HIGHEST_PROTOCOL)
 
 
@@ -90,6 +93,7 @@ class EncodedAnswer:
         pose_message: the ROS message, if it was asked for and there is a pose.
         T_map_body: (4, 4) pose for a geographic answer: the robot's if the sensor's mounting was given, else
             the sensor's. None if there is no pose or nobody asked.
+        server_timing: the stages as a Server-Timing header, which browsers and proxies show.
     """
 
     verdict: Verdict
@@ -101,34 +105,31 @@ class EncodedAnswer:
     json: bytes = b""
     pose_message: bytes | None = None
     T_map_body: NDArray[np.float64] | None = None
+    server_timing: bytes = b""
 
     @property
     def content(self) -> tuple[bytes, str]:
         """Bytes and media type: JSON, if there is no pose message."""
         return (self.json, JSON) if self.pose_message is None else (self.pose_message, POSE)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the words of the verdict and the reasons: members of an Enum take longer than all else."""
-        reasons = tuple([reason.value for reason in self.reasons])
-        rest = self.probability, self.map_id, self.map_version, self.timings_ms, self.json, self.pose_message
-        return _encoded_answer, (self.verdict.value, reasons, *rest, self.T_map_body)
+    @property
+    def plain(self) -> tuple[Any, ...]:
+        """The answer without classes: to find these takes a worker's message longer than all else."""
+        reasons = [reason.value for reason in self.reasons]
+        return tuple({**self.__dict__, "verdict": self.verdict.value, "reasons": reasons}.values())
+
+    @staticmethod
+    def of_plain(*plain: Any) -> EncodedAnswer:
+        """The answer whose ``plain`` form this is."""
+        answer = object.__new__(EncodedAnswer)  # as ``Query.filled``
+        fields = answer.__dict__
+        fields.update(zip(_ANSWER_FIELDS, plain, strict=True))
+        fields["verdict"] = _VERDICTS[fields["verdict"]]
+        fields["reasons"] = tuple([_REASONS[reason] for reason in fields["reasons"]])
+        return answer
 
 
-def _encoded_answer(verdict: str, reasons: tuple[str, ...], *rest: Any) -> EncodedAnswer:
-    return EncodedAnswer(Verdict(verdict), tuple([Reason(reason) for reason in reasons]), *rest)
-
-
-class Meaning(NamedTuple):
-    """The meaning of a query's head.
-
-    Attributes:
-        packed: all this for the worker processes: pickling it takes longer than the rest of a message.
-    """
-
-    options: LocalizeOptions
-    body_format: BodyFormat
-    form: AnswerForm
-    packed: bytes
+_ANSWER_FIELDS = tuple(EncodedAnswer.__dataclass_fields__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,8 +143,8 @@ class AsGiven:
     form: AnswerForm = field(default_factory=AnswerForm)
 
     @cached_property
-    def meaning(self) -> Meaning:
-        """The meaning of these texts, read once for all queries that have them.
+    def query(self) -> Query:
+        """The query that these texts mean, without its maps: read once for all that have them.
 
         Raises:
             InvalidOption: an option or the version is malformed.
@@ -153,10 +154,11 @@ class AsGiven:
         if options.version is not None:
             check_prefix(options.version)
         body_format = BodyFormat.of(self.media_type, self.content_encoding)
-        return Meaning(options, body_format, self.form, _packed_meaning(options, body_format, self.form))
+        packed = _packed(options, body_format, self.form)
+        return Query((), options, body_format, form=self.form, given=self, packed=packed)
 
 
-def _packed_meaning(options: LocalizeOptions, body_format: BodyFormat, form: AnswerForm) -> bytes:
+def _packed(options: LocalizeOptions, body_format: BodyFormat, form: AnswerForm) -> bytes:
     return pickle.dumps((options, body_format, form), pickle.HIGHEST_PROTOCOL)
 
 
@@ -174,7 +176,8 @@ class Query:
         options: as the caller gave them.
         deadline: of ``time.monotonic``, one clock for all processes of a machine; infinite: none.
         form: how the caller wants the answer.
-        packed: options, format and form as ``Meaning.packed``; empty: they are packed with the query.
+        packed: options, format and form for the worker processes: pickling them takes longer than the rest
+            of a message. Empty: they are packed with the query.
         body: as it came, with its content encoding. The last three are filled in by ``LocalizeUseCase``.
         waits_ms: milliseconds that the query waited before, by stage. They become part of its timings.
         forms: of descriptors in which a worker describes the scan, instead of an answer.
@@ -196,9 +199,8 @@ class Query:
     forms: tuple[str, ...] = ()
     chosen_of: int = 0
 
-    @classmethod
+    @staticmethod
     def read(
-        cls,
         given: AsGiven,
         caller: Principal,
         served: Callable[[], Iterable[str]],
@@ -222,7 +224,8 @@ class Query:
         """
         for map_id in given.map_ids:
             caller.check_map(check_map_id(map_id))
-        options, body_format, form, packed = given.meaning
+        asked = given.query
+        options = asked.options
         map_ids = tuple(dict.fromkeys(given.map_ids)) or tuple(filter(caller.sees, served()))
         if not map_ids:
             raise NotFound("no map is served yet")
@@ -234,13 +237,12 @@ class Query:
             raise InvalidOption("a prior and a version belong to one map: name it")
         if len(map_ids) > MAX_MAPS:
             map_ids = ()
-        deadline = options.deadline_from(arrived)
-        return cls(map_ids, options, body_format, deadline, form, caller, given, packed)
+        return asked.filled(map_ids=map_ids, deadline=options.deadline_from(arrived), caller=caller)
 
     @property
     def asker(self) -> Asker:
         """The one whose turn it takes."""
-        return Asker(self.caller.name, self.map_ids[0] if len(self.map_ids) == 1 else SEVERAL_MAPS)
+        return _asker(self.caller.name, self.map_ids[0] if len(self.map_ids) == 1 else SEVERAL_MAPS)
 
     def filled(self, **more: Any) -> Query:
         """The query with what is filled in later: ``dataclasses.replace`` takes a tenth of all its time."""
@@ -248,35 +250,37 @@ class Query:
         query.__dict__.update(self.__dict__, **more)
         return query
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the part of the query that a worker process needs beside the body."""
-        packed = self.packed or _packed_meaning(self.options, self.body_format, self.form)
-        rest = self.map_ids, self.deadline, self.waits_ms, self.forms, self.chosen_of
-        return _query, (packed, [version.packed for version in self.versions], *rest)
+    @property
+    def plain(self) -> tuple[Any, ...]:
+        """The part of the query that a worker process needs beside the body, as ``EncodedAnswer.plain``."""
+        packed = self.packed or _packed(self.options, self.body_format, self.form)
+        versions = [version.packed for version in self.versions]
+        return packed, versions, self.map_ids, self.deadline, self.waits_ms, self.forms, self.chosen_of
 
-
-def _query(
-    packed: bytes,
-    versions: list[bytes],
-    map_ids: tuple[str, ...],
-    deadline: float,
-    waits_ms: Mapping[str, float],
-    forms: tuple[str, ...],
-    chosen_of: int,
-) -> Query:
-    options, body_format, form = _unpacked(packed)
-    return Query(
-        map_ids,
-        options,
-        body_format,
-        deadline,
-        form,
-        packed=packed,
-        versions=tuple([_unpacked(version) for version in versions]),
-        waits_ms=waits_ms,
-        forms=forms,
-        chosen_of=chosen_of,
-    )
+    @staticmethod
+    def of_plain(
+        packed: bytes,
+        versions: list[bytes],
+        map_ids: tuple[str, ...],
+        deadline: float,
+        waits_ms: Mapping[str, float],
+        forms: tuple[str, ...],
+        chosen_of: int,
+    ) -> Query:
+        """The query whose ``plain`` form this is."""
+        options, body_format, form = _unpacked(packed)
+        return Query(
+            map_ids,
+            options,
+            body_format,
+            deadline,
+            form,
+            packed=packed,
+            versions=tuple([_unpacked(version) for version in versions]),
+            waits_ms=waits_ms,
+            forms=forms,
+            chosen_of=chosen_of,
+        )
 
 
 def remembered(read: Callable[..., AsGiven]) -> Callable[..., AsGiven]:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import io
+import json
 import logging
 import sys
-from typing import TextIO
+from collections.abc import Callable, MutableMapping
+from typing import Any, TextIO
 
 import structlog
 
 from firstfix.telemetry.library_logs import silence_libraries
 
 from ..settings import Settings
-from .request_scope import LAST_LINES_WITHIN_S, LogLines, LogStream, add_request_ids, hiding_secrets
+from .request_scope import LAST_LINES_WITHIN_S, LogLines, LogStream, complete, hiding_secrets
 
 __all__ = ["LAST_LINES_WITHIN_S", "drain_log", "set_up_logging"]
 
@@ -20,27 +22,16 @@ __all__ = ["LAST_LINES_WITHIN_S", "drain_log", "set_up_logging"]
 def set_up_logging(settings: Settings) -> None:
     """Set up the logs of this process. Called by ``serve``, never by an import."""
     level, as_json = settings.log_level, settings.log_json
-    shared: list[structlog.typing.Processor] = [
-        add_request_ids,
-        structlog.stdlib.add_log_level,
-        structlog.stdlib.add_logger_name,
-        structlog.processors.TimeStamper(fmt="iso", utc=True),
-        structlog.processors.StackInfoRenderer(),
-    ]
-    last: list[structlog.typing.Processor] = (
-        [structlog.processors.format_exc_info, structlog.processors.JSONRenderer()]
-        if as_json
-        # tracebacks without variables, which could contain the secrets of requests
-        else [
-            structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback),
-        ]
-    )
-    last.append(hiding_secrets([url.get_secret_value() for url in settings.webhook_urls]))
+    secret_urls = [url.get_secret_value() for url in settings.webhook_urls]
+    render = hiding_secrets(_json if as_json else _plain(), secret_urls)
     handler = logging.StreamHandler(_stream(sys.stderr))
     handler.setFormatter(
         structlog.stdlib.ProcessorFormatter(
-            foreign_pre_chain=shared,
-            processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, *last],
+            foreign_pre_chain=[complete],
+            processors=[
+                structlog.stdlib.ProcessorFormatter.remove_processors_meta,
+                lambda logger, name, line: render(line),
+            ],
         )
     )
     root = logging.getLogger()
@@ -49,11 +40,26 @@ def set_up_logging(settings: Settings) -> None:
     silence_libraries()
     # Straight to the stream: the way through logging takes as long again, for each request.
     structlog.configure(
-        processors=[*shared, *last],
+        processors=[complete],
         wrapper_class=structlog.make_filtering_bound_logger(getattr(logging, level.upper())),
-        logger_factory=lambda name="": LogLines(name, handler),
+        logger_factory=lambda name="": LogLines(name, handler, render),
         cache_logger_on_first_use=True,
     )
+
+
+def _plain() -> Callable[[MutableMapping[str, Any]], str]:
+    """A renderer for people, whose tracebacks leave out variables: these could be secrets of requests."""
+    renderer = structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback)
+    return lambda line: renderer(None, "", line)
+
+
+def _json(line: MutableMapping[str, Any]) -> str:
+    if "exc_info" in line:
+        line = structlog.processors.format_exc_info(None, "", line)
+    return _ENCODER.encode(line)
+
+
+_ENCODER = json.JSONEncoder(default=repr, check_circular=False)  # made once: that takes as long as a line
 
 
 def drain_log(within_s: float) -> None:

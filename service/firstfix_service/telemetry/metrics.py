@@ -15,6 +15,7 @@ from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded
 from firstfix.store.json_record import RecordKind
 
 from .histogram import Histogram
+from .late_counts import LateCounts
 
 TRANSPORTS = ("http", "zenoh")
 SIGHTINGS = ("counted", "repeated", "dropped", "full", "failed", "not_stored")
@@ -27,10 +28,15 @@ _PROBABILITIES = (0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95,
 
 
 class Metrics:
-    """The metrics of one app, in a registry of its own, so that two apps in one process do not mix."""
+    """The metrics of one app, in a registry of its own, so that two apps in one process do not mix.
+
+    Attributes:
+        late: for what is counted with each query.
+    """
 
     def __init__(self) -> None:
         self.registry = registry = CollectorRegistry()
+        self.late = LateCounts(registry)
         counter, gauge = partial(Counter, registry=registry), partial(Gauge, registry=registry)
         histogram = partial(Histogram, registry=registry)
         self.http_requests = counter("firstfix_http_requests", "HTTP requests", ["method", "route", "status"])

@@ -50,7 +50,7 @@ def logged_query(requests: Requests, query: Any, arrived: float) -> Iterator[Non
         try:
             yield
         finally:
-            _log.info("request", method=_METHOD, path=key, **scope.line)
+            _log.info("request", method=_METHOD, path=key, **scope.line(scope.seconds))
             if scope.span is not None:
                 scope.span.set_attribute("zenoh.key", key)
 

@@ -282,7 +282,7 @@ def test_invented_maps_and_idle_callers_are_forgotten(
     assert "caller 9" not in sim.queue._callers
     assert "caller 10" in sim.queue._callers
     assert sim.queue.size == 0
-    assert not sim.queue._slow._callers.present
+    assert not any(names.present for names in sim.queue._slow._names)
 
 
 def test_a_quick_query_is_not_slow_for_its_maps_others():

@@ -19,6 +19,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.store.store import Store
 from firstfix.wire.scan import MEDIA_TYPE, encode_scan
+from firstfix_service.telemetry.late_counts import TOGETHER
 from tests.servers import running
 from tests.service.service_world import client_session, free_port
 from tests.waiting import LIMIT_S, wait_until
@@ -133,8 +134,9 @@ def test_each_check_of_a_scan_is_made_once(logged: LoggedService, transport: str
 
 
 def test_a_scan_goes_through_the_files_that_are_drawn(logged: LoggedService):
-    calls = logged.calls_of(logged.ask_http)
-    calls += logged.calls_of(logged.ask_http)  # with the end of the first, which is after its answer
+    calls: Counter[tuple[str, int]] = Counter()
+    for _ in range(TOGETHER):  # with the end of each, which is after its answer, and the counts of several
+        calls += logged.calls_of(logged.ask_http)
     used = {name.removeprefix("file firstfix_service/") for name, _ in calls if "firstfix_service/" in name}
     drawn = [f"{name}.py" for name in re.findall(r"^ │ (\w+/[\w/]+) ", PAGE.read_text(), re.MULTILINE)]
     assert {name for name in used - BESIDE if name.split("/")[0] in ROOMS} == {

@@ -18,7 +18,7 @@ from firstfix.errors import DeadlineExceeded, Overloaded, TooLarge
 from firstfix.formats.point_cloud import Body
 
 from ...auth.authenticate import CHECK_S, Permission
-from ...http_server.streams import RECEIVE_INTO, RECEIVED, Arrived, ReceiveInto, declared_bytes
+from ...http_server.streams import ARRIVAL, RECEIVE_INTO, RECEIVED, Arrived, ReceiveInto, declared_bytes
 from ...limits.byte_budget import ByteBudget, owners_of_body
 from ...limits.limits import Limits
 
@@ -33,6 +33,27 @@ class BodyReader:
         self._budget = budget
         self._timeout_s = timeout_s
 
+    async def read_permitted(self, request: Request, caller: str) -> Body:
+        """The body of a request that comes without ``WhilePermitted`` around its route, as ``read``.
+
+        Raises:
+            FirstfixError: also if the permission ends before the body has come.
+        """
+        if (received := self._received(request, caller)) is not None:
+            return received
+        extensions = request.scope.get("extensions", {})
+        if ARRIVAL in extensions and 0 < declared_bytes(request.scope["headers"]) < LONG_BYTES:
+            await extensions[ARRIVAL](CHECK_S)  # the permission is good for so long
+            if (received := self._received(request, caller)) is not None:
+                return received
+        body: list[Body] = []
+
+        async def read(scope: Scope, receive: Receive, send: Send) -> None:
+            body.append(await self.read(Request(scope, receive), caller))
+
+        await WhilePermitted(read)(request.scope, request.receive, _nothing_to_send)
+        return body[0]
+
     async def read(self, request: Request, caller: str = "") -> Body:
         """The body. Call ``release`` when it is no longer needed.
 
@@ -41,21 +62,18 @@ class BodyReader:
             Overloaded: all bodies together are too large, or those of this caller.
             DeadlineExceeded: it did not arrive in time.
         """
+        if (received := self._received(request, caller)) is not None:
+            return received
         declared = checked_length(request, self._max_bytes)
-        extensions = request.scope.get("extensions", {})
-        is_long = declared >= LONG_BYTES and RECEIVE_INTO in extensions
-        received: bytes | None = None if is_long or RECEIVED not in extensions else extensions[RECEIVED]()
+        is_long = declared >= LONG_BYTES and RECEIVE_INTO in request.scope.get("extensions", {})
         lease = self._budget.lease(*owners_of_body(caller))
 
         def arrived(count: int) -> None:
             lease.grow(count)
             if lease.size > self._max_bytes:
-                raise TooLarge(f"the body has over {self._max_bytes} bytes")
+                raise _too_large(self._max_bytes)
 
         try:
-            if received is not None:
-                arrived(len(received))
-                return received
             async with asyncio.timeout(self._timeout_s):
                 return await (_long(request, declared, arrived) if is_long else _joined(request, arrived))
         except BaseException as error:
@@ -63,6 +81,19 @@ class BodyReader:
             if isinstance(error, TimeoutError):
                 raise DeadlineExceeded(f"the body did not arrive within {self._timeout_s:g} s") from None
             raise
+
+    def _received(self, request: Request, caller: str) -> bytes | None:
+        """The body, if all of it came with the head, as ``read``; else None."""
+        declared = checked_length(request, self._max_bytes)
+        extensions = request.scope.get("extensions", {})
+        is_long = declared >= LONG_BYTES and RECEIVE_INTO in extensions
+        body: bytes | None = None if is_long or RECEIVED not in extensions else extensions[RECEIVED]()
+        if body is not None:
+            self._budget.lease(*owners_of_body(caller)).grow(len(body))
+            if len(body) > self._max_bytes:
+                self.release(body, caller)
+                raise _too_large(self._max_bytes)
+        return body
 
     def release(self, body: Body, caller: str = "") -> None:
         """Take a body out of the count of all bodies."""
@@ -87,13 +118,21 @@ async def _joined(request: Request, arrived: Arrived) -> bytes:
     return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
+def _too_large(max_bytes: int) -> TooLarge:
+    return TooLarge(f"the body has over {max_bytes} bytes")
+
+
+async def _nothing_to_send(message: Message) -> None:
+    raise AssertionError("a reader of bodies answers nothing")
+
+
 def checked_length(request: Request, max_bytes: int) -> int:
     """Content-Length, or 0 without that header. The server has checked that it is a number.
 
     Raises:
         TooLarge: over the limit.
     """
-    declared = declared_bytes(request.scope["headers"])
+    declared = int(dict(request.scope["headers"]).get(b"content-length", 0))
     if declared > max_bytes:
         raise TooLarge(f"the body has {declared} bytes, the limit is {max_bytes}")
     return declared

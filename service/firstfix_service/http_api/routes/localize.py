@@ -9,6 +9,7 @@ from urllib.parse import parse_qsl
 
 from fastapi import FastAPI, Request, Response
 from starlette.requests import ClientDisconnect
+from starlette.types import Scope as ASGIScope
 
 from firstfix.access.permissions import Scope
 from firstfix.answer.options import LocalizeOptions
@@ -17,11 +18,11 @@ from firstfix.ros.media_types import POSE
 from firstfix.scan_formats import MEDIA_TYPES
 
 from ...auth.principal import Principal
+from ...localize.use_case import LocalizeUseCase
 from ...query_workers.answer_form import PARAMETERS, AnswerForm
 from ...query_workers.query import (
     MAP_PARAMETER,
     AsGiven,
-    EncodedAnswer,
     Query,
     remembered,
     single_values,
@@ -29,12 +30,12 @@ from ...query_workers.query import (
 )
 from ...telemetry.request_scope import note_robot
 from ...thread_pools import READS
-from ..edge import caller_of, needs
+from ..edge import needs
 from ..gone import cancel_when_gone
 from ..parts import LocalizeParts, part_of
 from ..schema.answer_models import Answer, GeoPose
 from ..schema.bodies import BINARY, add_schema, binary_body
-from ..short_way import DirectRoute
+from ..short_way import DirectRoute, EncodedResponse
 
 _OPTION_TEXT = {
     "gravity": "direction of gravity in the sensor frame, `x,y,z`, or the sensor's `roll_deg,pitch_deg`",
@@ -115,6 +116,9 @@ _ANSWERS: dict[int | str, dict[str, Any]] = {
 }
 
 
+_ALWAYS = ((b"cache-control", b"no-store"), (b"vary", b"Accept"))
+
+
 def add_route(app: FastAPI) -> None:
     """Add the route to the app."""
     app.router.add_api_route(
@@ -137,45 +141,58 @@ async def localize(request: Request) -> Response:
     `Accept` with the media type of a ROS pose message asks for that message.
     """
     arrived = time.monotonic()
-    parts, caller = part_of(request, LocalizeParts), await caller_of(request)
+    parts, caller = part_of(request, LocalizeParts), request.scope["state"]["caller"]
+    use_case = parts.use_case
     try:
-        answer, content, media_type = await _localize(request, parts, caller, arrived)
+        query = _query_of(request.scope, caller, use_case, arrived)
+        use_case.check_room(query)
+        given = query.given
+        if given.form.geographic and len(given.map_ids) == 1:  # of several maps, one has to answer first
+            await READS.run(parts.georeference_cache.of, given.map_ids[0])
+        body = await parts.bodies.read_permitted(request, caller.name)
+        try:
+            answer = await cancel_when_gone(request.scope, use_case.localize(query, body))
+            content, media_type = answer.content
+            if answer.T_map_body is not None:
+                georeference = await READS.run(parts.georeference_cache.of, answer.map_id)
+                content = json.dumps(georeference.geopose(answer.T_map_body)).encode()
+                media_type = GEOPOSE
+        finally:
+            parts.bodies.release(body, caller.name)
     except ClientDisconnect:
         parts.metrics.failures.labels("http", "client_gone").inc()
         raise
     except Exception as error:
-        parts.use_case.count("http", error)
+        use_case.count("http", error)
         raise
-    parts.use_case.count("http", answer)
-    headers = {"Server-Timing": server_timing(answer), "Cache-Control": "no-store", "Vary": "Accept"}
-    return Response(content, media_type=media_type, headers=headers)
+    use_case.count("http", answer)
+    return EncodedResponse(
+        content,
+        (
+            (b"server-timing", answer.server_timing),
+            *_ALWAYS,
+            (b"content-length", b"%d" % len(content)),
+            (b"content-type", media_type.encode("latin-1")),
+        ),
+    )
 
 
-async def _localize(
-    request: Request, parts: LocalizeParts, caller: Principal, arrived: float
-) -> tuple[EncodedAnswer, bytes, str]:
-    """The answer, its bytes and their media type."""
-    headers = dict(reversed(request.scope["headers"]))  # of several, the first counts
-    note_robot(headers.get(b"x-robot", b"").decode("latin-1"))
+def _query_of(scope: ASGIScope, caller: Principal, use_case: LocalizeUseCase, arrived: float) -> Query:
+    """The query that the head of a request asks.
+
+    Raises:
+        FirstfixError: as ``Query.read``, or the robot's name is malformed.
+    """
+    headers = dict(reversed(scope["headers"]))  # of several, the first counts
+    if b"x-robot" in headers:
+        note_robot(headers[b"x-robot"].decode("latin-1"))
     given = _read(
-        request.scope["query_string"],
+        scope["query_string"],
         headers.get(b"accept", b""),
         headers.get(b"content-type", b""),
         headers.get(b"content-encoding", b""),
     )
-    query = Query.read(given, caller, parts.use_case.served, arrived)
-    parts.use_case.check_room(query)
-    if given.form.geographic and len(given.map_ids) == 1:  # of several maps, one has to answer first
-        await READS.run(parts.georeference_cache.of, given.map_ids[0])
-    body = await parts.bodies.read(request, caller.name)
-    try:
-        answer = await cancel_when_gone(request.scope, parts.use_case.localize(query, body))
-        if answer.T_map_body is not None:
-            georeference = await READS.run(parts.georeference_cache.of, answer.map_id)
-            return answer, json.dumps(georeference.geopose(answer.T_map_body)).encode(), GEOPOSE
-        return answer, *answer.content
-    finally:
-        parts.bodies.release(body, caller.name)
+    return Query.read(given, caller, use_case.served, arrived)
 
 
 @remembered
@@ -193,8 +210,3 @@ def _read(*head: bytes) -> AsGiven:
     options = single_values(parse_qsl(query, keep_blank_values=True))
     form = AnswerForm.of(accept, options, may_be_geographic=True)
     return AsGiven(split_map_ids(options.pop(MAP_PARAMETER, "")), media_type, encoding, options, form)
-
-
-def server_timing(answer: EncodedAnswer) -> str:
-    """The stages as a Server-Timing header, which browsers and proxies show."""
-    return ", ".join([f"{stage};dur={ms:.3f}" for stage, ms in answer.timings_ms.items()])
