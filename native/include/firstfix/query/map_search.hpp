@@ -74,6 +74,15 @@ class MapSearch {
     taken_.push_back(step);
   }
 
+  // Whether more than a share of the scan lies on the map at a place that the first step would find. It has that much less to do then.
+  bool may_fit(double inlier_ratio, StageTimes& times) {
+    const std::vector<LevelledScan> levelled = as_measured();
+    const Described described = times.of("describe", [&] { return described_of(levelled); });
+    const std::vector<Candidate> candidates =
+        times.of("search", [&] { return similar(levelled, described, options_.prior, wanted()); });
+    return times.of("register", [&] { return search_.most_inliers(candidates); }) > inlier_ratio;
+  }
+
   // Registers the best few templates by descriptor, to see whether the scan may be of this map at all. The first step then adds
   // to them.
   void probe(std::size_t count, StageTimes& times) {

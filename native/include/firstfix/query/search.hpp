@@ -76,6 +76,14 @@ class Search {
     measure_finely();
   }
 
+  // Aligns candidates for a later run. Returns the largest share of the scan that lies on the map at one of them.
+  double most_inliers(const std::vector<Candidate>& candidates) {
+    align(candidates, std::nullopt);
+    double most = 0;
+    for (const AlignedStart& one : aligned_) most = std::max(most, one.rigid.inlier_ratio);
+    return most;
+  }
+
   // Moves the best pose to a better minimum beside it, if there is one: along the direction that the scan constrains least
   // where the pose would be the answer, else all around. Free space does not choose between the two: they are one place, seen
   // from nearly the same spot.
