@@ -161,6 +161,12 @@ void bind_map_search(nb::module_& module) {
       .def("take",
            [](BoundMapSearch& bound, Step step) { return timed([&](StageTimes& times) { bound.search().take(step, times); }); },
            "step"_a)
+      .def("may_fit",
+           [](BoundMapSearch& bound, double inlier_ratio) {
+             StageTimes times;
+             return without_gil([&] { return bound.search().may_fit(inlier_ratio, times); });
+           },
+           "inlier_ratio"_a)
       .def("found", [](const BoundMapSearch& bound) { return found_in(bound.search().found()); })
       .def_prop_ro("outside_lead", [](const BoundMapSearch& bound) { return bound.search().outside_lead(); })
       .def_prop_ro("taken", [](const BoundMapSearch& bound) { return bound.search().taken(); })

@@ -70,6 +70,7 @@ void climb_once(Hostile& random) {
     searches.push_back(made.back().get());
   }
   StageTimes times;
+  if (random.chance(0.3)) searches.back()->may_fit(0.3, times);
   const bool is_one_likely = random.chance(0.4);
   search_maps(searches, is_one_likely, times);
   if (!is_one_likely) {

@@ -213,12 +213,14 @@ def _ladder(native: Any, retrieval: Any) -> Any:
         )
 
     alone, one, other = made(prior, None, None), made(None, UP, 2), made(None, None, None)
+    fits = [one.may_fit(0.3), alone.may_fit(1.0)]
     stages = [
         *alone.take(Step.NARROW),
         *native.search_maps([alone], False),
         *native.search_maps([one, other], True),
     ]
     return (
+        fits,
         *(stage for stage, _ in stages),
         *(number for search in (alone, one, other) for pose in search.found() for number in pose),
         *(search.outside_lead for search in (alone, one, other)),

@@ -77,7 +77,9 @@ class HypothesisSearch:
         nearby: bool = False,
     ) -> list[RegisteredCandidate]:
         """See ``firstfix.engine.hypotheses.HypothesisSearch``."""
-        checked = ranked(self._check_free_space(self._register(candidates, twist), aliases))
+        checked = self._register(candidates, twist)
+        if len(aliases) or not self._is_alone_and_good(checked):
+            checked = ranked(self._check_free_space(checked, aliases))
         if not checked or not self._may_be_accepted(checked):
             self.found = self._with_agreements(checked)
         else:
@@ -359,6 +361,10 @@ class HypothesisSearch:
             return []
         at = is_any_of(aliases, np.array([one.registration.T_level_sensor for one in near]), self._ranking)
         return [one for one, is_alias in zip(near, at.tolist(), strict=True) if is_alias]
+
+    def _is_alone_and_good(self, registered: Sequence[RegisteredCandidate]) -> bool:
+        """Whether there is one candidate, worth its refinement: its free space is checked after it."""
+        return len(registered) == 1 and self._may_be_accepted(self._with_agreements(registered))
 
     def _may_be_accepted(self, checked: Sequence[RegisteredCandidate]) -> bool:
         """Whether fine alignment is worth its time. Always so while the calibration is the prior."""

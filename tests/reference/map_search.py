@@ -98,6 +98,10 @@ class MapSearch:
             is_last = step is Step.EXHAUSTIVE
             self._by_screening(search.exhaustive if is_last else search.wide, tilted=is_last)
 
+    def may_fit(self, inlier_ratio: float) -> bool:
+        """Yes: so every form of a scan is searched for, and answers show whether one was left out wrongly."""
+        return True
+
     def probe(self, count: int) -> None:
         """Register the best few templates by descriptor, to see whether the scan may be of this map at all.
 

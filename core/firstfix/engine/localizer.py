@@ -222,12 +222,14 @@ def _asked(
 ) -> AskedQuery:
     """The query as one map was asked, and how to ask it for another scan."""
 
-    def ask(scan: Scan, others: LocalizeOptions) -> MapSearch | None:
+    def ask(scan: Scan, others: LocalizeOptions, least_ratio: float) -> MapSearch | None:
         apart = Stopwatch(watch.deadline)
         again = one_map.prepare(ScanSequence.single(scan), others, apart, map_id)
         if again is None:
             return None
         search = one_map.search(again, others, apart, map_id)
+        if not search.may_fit(least_ratio):
+            return None
         search.take(Step.NARROW)
         return search
 

@@ -86,6 +86,13 @@ class MapSearch:
         """Search with the effort of one step, if the caller's deadline leaves time for it."""
         self._watch.add(self._compiled.take(step))
 
+    def may_fit(self, inlier_ratio: float) -> bool:
+        """Whether more than a share of the scan lies on the map at a place that the first step would find.
+
+        It costs a third of the step, or less, where the scan fits nowhere.
+        """
+        return self._compiled.may_fit(inlier_ratio)
+
     def climb(self, others: Sequence[MapSearch] = (), *, likely_one: bool = False) -> None:
         """Climb the effort levels until a place explains the scan, then let known aliases compete.
 

@@ -15,9 +15,9 @@ from firstfix_lab.checkout import ROOT
 from firstfix_lab.common.processor_time import cpu_s_of_family
 from firstfix_lab.suites.beside.agreement import agreement
 from firstfix_lab.suites.beside.build import Built, Source
-from firstfix_lab.suites.beside.places import bodies_of
+from firstfix_lab.suites.beside.places import DEMO, RECORDED, bodies_of
 from firstfix_lab.suites.beside.run_build import StageCosts
-from firstfix_lab.suites.beside.suite import asked, build_costs
+from firstfix_lab.suites.beside.suite import PARTS, asked, build_costs, shares_of
 from firstfix_lab.suites.beside.tree import Tree
 from firstfix_lab.suites.beside.worker import CannotLoad, Worker
 
@@ -49,6 +49,19 @@ def test_answers_are_compared_pair_by_pair():
     worse = agreement(here, [*there[:2], answer(1.0)])
     assert worse["same_verdict_and_reasons"] == 2
     assert worse["other_outcomes"] == ["localized -> rejected/low_inlier_ratio"]
+
+
+def test_easy_scans_have_a_share_of_their_own():
+    here = [answer(1.0), answer(1.0), answer(None, 0.1, "rejected", "low_probability")]
+    there = [answer(1.0), answer(1.0), answer(None, 0.1, "ambiguous", "several_places")]
+    found = shares_of([here, there], [[6.0, 4.0, 50.0], [10.0, 10.0, 80.0]])
+    assert found == {"easy": 2, "mean": 0.6, "easy_median": 0.5}
+    assert shares_of([here[2:], there[2:]], [[50.0], [80.0]]) == {"easy": 0, "mean": 0.625}
+
+
+def test_the_demo_and_every_recorded_place_can_be_asked():
+    assert {DEMO, "hall", "yard", "street", "street_128beam"} <= set(PARTS)
+    assert {dataset.name for dataset in RECORDED.values()} == set(RECORDED)
 
 
 def test_a_stage_costs_what_was_spent_until_its_last_report():

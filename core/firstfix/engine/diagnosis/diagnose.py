@@ -45,7 +45,8 @@ class AskedQuery:
         prepared: the scans, prepared for this map; None: too few points.
         config: this map's.
         usual_height_m: of the map's own sensor above the floor.
-        ask: makes the first search of another scan or with other options; None: too few points.
+        ask: makes the first search of another scan or with other options; None: it has too few points, or no
+            more than a share of it lies on the map.
         began: on ``time.monotonic``.
     """
 
@@ -55,7 +56,7 @@ class AskedQuery:
     prepared: PreparedQuery | None
     config: PreprocessConfig
     usual_height_m: float
-    ask: Callable[[Scan, LocalizeOptions], MapSearch | None]
+    ask: Callable[[Scan, LocalizeOptions, float], MapSearch | None]
     began: float
 
     @property
@@ -179,7 +180,7 @@ def _by_other_forms(answer: Localization, query: AskedQuery, watch: Stopwatch) -
         began = time.monotonic()
         if began + _SLOWER * longest_s > end:
             return None
-        search = query.ask(form.scan, form.options)
+        search = query.ask(form.scan, form.options, sent_ratio + BETTER / 2)
         longest_s = max(longest_s, time.monotonic() - began)
         if search is None or not search.is_settled:
             continue

@@ -1,4 +1,4 @@
-"""Places that the suite asks in: a real street, and two of the project's worlds; their maps and queries."""
+"""Places that the suite asks in: recorded ones, and worlds of the project; their maps and queries."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from firstfix.scan_file import read_scan_file
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_cli.poses_csv import read_poses_csv
 from firstfix_client.steps.scan_body import BodyForm, encoded
-from tests.recorded_data import STREET
+from tests.recorded_data import HALL, STREET, STREET_128, YARD, Dataset
 
 from ...common.load import Body
-from ...common.worlds import WORLDS, WorldFiles
+from ...common.worlds import WORLDS, WorldFiles, own_world
 from ...evaluation.outcome import random_yaws, turned
 from ..robust.cases import CASES
 from ..robust.queries import queries_of
@@ -31,6 +31,8 @@ from .build import Source
 SEED = 6
 HEADINGS = 2  # random yaws that each recorded scan is turned by
 FORMS = ("raw", "compact")
+RECORDED = {dataset.name: dataset for dataset in (HALL, YARD, STREET, STREET_128)}
+DEMO = "demo"  # the factory of ``firstfix world factory``, built from its cloud, with the world's own scans
 CASE = next(case for case in CASES if case.name == "all at once")
 
 
@@ -47,19 +49,30 @@ class Place:
     scans_in: Callable[[Path, int], list[Scan]]
 
 
-def street(folder: Path) -> Place:
-    """The recorded street, with its held-out scans, each at several headings."""
+def recorded(dataset: Dataset, folder: Path) -> Place:
+    """A recorded place, with its held-out scans, each at several headings."""
     folder.mkdir(parents=True, exist_ok=True)
-    trajectory, poses = folder / "trajectory.csv", folder / "poses.csv"
+    poses = folder / "poses.csv"
 
     def scans_in(version: Path, count: int) -> list[Scan]:
-        STREET.write_queries(poses)
-        recorded = [read_scan_file(row.path) for row in read_poses_csv(poses)] * HEADINGS
-        yaws = random_yaws(len(recorded), SEED)
-        return [turned(scan, None, float(yaw))[0] for scan, yaw in zip(recorded, yaws, strict=True)][:count]
+        dataset.write_queries(poses)
+        taken = [read_scan_file(row.path) for row in read_poses_csv(poses)] * HEADINGS
+        yaws = random_yaws(len(taken), SEED)
+        return [turned(scan, None, float(yaw))[0] for scan, yaw in zip(taken, yaws, strict=True)][:count]
 
-    STREET.write_trajectory(trajectory)
-    return Place("street", Source(STREET.map_path, trajectory, STREET.config), scans_in)
+    trajectory = dataset.write_trajectory(folder / "trajectory.csv")
+    return Place(dataset.name, Source(dataset.map_path, trajectory, dataset.config), scans_in)
+
+
+def demo(folder: Path) -> Place:
+    """The factory that a user tries first: strangers and hard scans are among its queries."""
+    made = own_world("factory", mapped=True)
+    files = made.make(StageCache(folder))
+
+    def scans_in(version: Path, count: int) -> list[Scan]:
+        return [scan for scan, _ in files.own_queries()][:count]
+
+    return Place(DEMO, Source(files.source, files.map.trajectory, made.config), scans_in)
 
 
 def world(name: str, folder: Path) -> Place:
@@ -77,14 +90,17 @@ def world(name: str, folder: Path) -> Place:
 
 def missing(name: str) -> str | None:
     """A message if the place's data is not here."""
-    if name == "street" and not STREET.available:
-        return f"skipped: {STREET.folder} is not beside the checkout"
+    dataset = RECORDED.get(name)
+    if dataset is not None and not dataset.available:
+        return f"skipped: {dataset.folder} is not beside the checkout"
     return None
 
 
 def place(name: str, folder: Path) -> Place:
     """A place by its name. The folder keeps what is made for it."""
-    return street(folder) if name == "street" else world(name, folder)
+    if name in RECORDED:
+        return recorded(RECORDED[name], folder)
+    return demo(folder) if name == DEMO else world(name, folder)
 
 
 def bodies_of(scans: list[Scan], version: Path) -> dict[str, list[Body]]:

@@ -9,7 +9,7 @@ thread, in turns, scan by scan: each in its own version, then both in the other 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -20,14 +20,20 @@ from ...checkout import ROOT
 from ...common.load import Body
 from .agreement import Answer, agreement
 from .build import Built, built
-from .places import FORMS, SEED, bodies_of, missing, place
+from .places import DEMO, FORMS, RECORDED, SEED, bodies_of, missing, place
 from .tree import Tree
 from .worker import CannotLoad, Worker
 
 WORK = ROOT / "build" / "bench" / "beside"
-PARTS = ("street", "factory", "campus")  # the campus has 108,464 templates and takes long to build
+# The campus has 108,464 templates and takes long to build.
+PARTS = (DEMO, *RECORDED, "factory", "campus")
 DEFAULT_PARTS = ("street", "factory")
 SCANS, ROUNDS = 40, 3
+COSTS: dict[str, Callable[[list[float]], Any]] = {
+    "median": np.median,
+    "p95": lambda costs: np.percentile(costs, 95),
+    "mean": np.mean,
+}
 STAGES = {  # of a build that have a figure of their own
     "templates": "make_templates",
     "keys": "learn_keys",
@@ -99,12 +105,27 @@ def asked(sides: list[tuple[Tree, Path]], bodies: dict[str, list[Body]], rounds:
         for form in FORMS:
             answers, cpu_ms = in_turns(workers, bodies[form], rounds)
             figures[form] = {
-                f"cpu_ms_{what}": _compared(names, [float(np.percentile(side, share)) for side in cpu_ms])
-                for what, share in (("median", 50), ("p95", 95))
+                f"cpu_ms_{what}": _compared(names, [float(of_all(side)) for side in cpu_ms])
+                for what, of_all in COSTS.items()
             }
             if len(sides) == 2:
+                figures[form]["share_of_beside"] = shares_of(answers, cpu_ms)
                 figures[form]["agreement"] = agreement(*answers)
     return figures
+
+
+def shares_of(answers: list[list[Answer]], cpu_ms: list[list[float]]) -> dict[str, float | int]:
+    """Processor time of this checkout's queries as a share of the other one's.
+
+    easy_median: of the pairs of answers, where both are ``localized``. mean: of all, hard ones too, which set
+    it.
+    """
+    here, beside = np.array(cpu_ms)
+    easy = [all(side["verdict"] == "localized" for side in pair) for pair in zip(*answers, strict=True)]
+    found: dict[str, float | int] = {"easy": sum(easy), "mean": round(float(here.mean() / beside.mean()), 3)}
+    if any(easy):
+        found["easy_median"] = round(float(np.median((here / beside)[easy])), 3)
+    return found
 
 
 def in_turns(

@@ -74,6 +74,15 @@ class MapSearch {
     taken_.push_back(step);
   }
 
+  // Whether more than a share of the scan lies on the map at a place that the first step would find. It has that much less to do then.
+  bool may_fit(double inlier_ratio, StageTimes& times) {
+    const std::vector<LevelledScan> levelled = as_measured();
+    const Described described = times.of("describe", [&] { return described_of(levelled); });
+    const std::vector<Candidate> candidates =
+        times.of("search", [&] { return similar(levelled, described, options_.prior, wanted()); });
+    return times.of("register", [&] { return search_.most_inliers(candidates); }) > inlier_ratio;
+  }
+
   // Registers the best few templates by descriptor, to see whether the scan may be of this map at all. The first step then adds
   // to them.
   void probe(std::size_t count, StageTimes& times) {
@@ -98,6 +107,13 @@ class MapSearch {
 
  private:
   using Described = std::vector<FindTemplates>;
+
+  // A candidate as it was found, and where screening moved it to.
+  struct Screened {
+    Candidate start;
+    PoseMatrix T_level_sensor;
+    double score;
+  };
 
   void by_descriptor(const std::vector<LevelledScan>& levelled, StageTimes& times) {
     if (levelled.empty()) return;
@@ -179,11 +195,7 @@ class MapSearch {
     // neighbours read the same part of the map
     std::stable_sort(candidates.begin(), candidates.end(),
                      [](const Candidate& one, const Candidate& other) { return one.template_row < other.template_row; });
-    ScanOnCells few(map_, query_.sparse, map_.ranking.screen_points);
-    const std::vector<Registration> placed = few.align(poses_of(candidates), std::nullopt, map_.barely());
-    for (std::size_t i = 0; i < candidates.size(); ++i) {
-      candidates[i].T_level_sensor = placed[i].T_level_sensor, candidates[i].score = placed[i].alignment_score;
-    }
+    screen(candidates);
     sort_by_score(candidates);
     std::vector<Candidate> distinct;
     const double within_m = map_.ranking.same_pose_m, within_rad = radians(map_.ranking.same_pose_deg);
@@ -191,6 +203,36 @@ class MapSearch {
       distinct.push_back(candidates[static_cast<std::size_t>(row)]);
     }
     return distinct;
+  }
+
+  // Moves candidates, in the order of their templates, towards the map, and scores them there. The last step asks for much of what
+  // the step before it has screened.
+  void screen(std::vector<Candidate>& candidates) {
+    std::vector<Screened> found;
+    std::vector<std::size_t> fresh;
+    std::vector<PoseMatrix> starts;
+    auto known = screened_.cbegin();
+    for (std::size_t i = 0; i < candidates.size(); ++i) {
+      const Candidate& one = candidates[i];
+      while (known != screened_.cend() && known->start.template_row < one.template_row) ++known;
+      auto same = known;
+      const auto is_other = [&] { return same->start.template_row == one.template_row && same->start.T_level_sensor != one.T_level_sensor; };
+      while (same != screened_.cend() && is_other()) ++same;
+      const bool is_known = same != screened_.cend() && same->start.template_row == one.template_row;
+      found.push_back(is_known ? *same : Screened{one, {}, 0});
+      if (is_known) continue;
+      fresh.push_back(i);
+      starts.push_back(one.T_level_sensor);
+    }
+    ScanOnCells few(map_, query_.sparse, map_.ranking.screen_points);
+    const std::vector<Registration> placed = few.align(starts, std::nullopt, map_.barely());
+    for (std::size_t k = 0; k < fresh.size(); ++k) {
+      found[fresh[k]].T_level_sensor = placed[k].T_level_sensor, found[fresh[k]].score = placed[k].alignment_score;
+    }
+    for (std::size_t i = 0; i < candidates.size(); ++i) {
+      candidates[i].T_level_sensor = found[i].T_level_sensor, candidates[i].score = found[i].score;
+    }
+    screened_ = std::move(found);
   }
 
   // Of all scans, most similar first.
@@ -230,6 +272,7 @@ class MapSearch {
   SearchOptions options_;
   Search search_;
   std::vector<Step> taken_;
+  std::vector<Screened> screened_;  // by the last step that screened, in the order of their templates
   double narrow_s_ = 0, outside_lead_ = 0;
 };
 

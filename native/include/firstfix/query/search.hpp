@@ -66,13 +66,22 @@ class Search {
   // twist: motion of the scan where these candidates come from. aliases: poses of the known aliases of the best pose.
   void run(const std::vector<Candidate>& candidates, const KnownTwist& twist, const std::vector<PoseMatrix>& aliases) {
     align(candidates, twist);
-    found_ = ranked(order_.checked(registered(), aliases), map_.ranking);
+    found_ = registered();
+    if (!(aliases.empty() && is_alone_and_good())) found_ = ranked(order_.checked(found_, aliases), map_.ranking);
     if (found_.empty() || !may_be_accepted()) {
       for (RegisteredPose& one : found_) measures_.measure(one);
       return;
     }
     refine();
     measure_finely();
+  }
+
+  // Aligns candidates for a later run. Returns the largest share of the scan that lies on the map at one of them.
+  double most_inliers(const std::vector<Candidate>& candidates) {
+    align(candidates, std::nullopt);
+    double most = 0;
+    for (const AlignedStart& one : aligned_) most = std::max(most, one.rigid.inlier_ratio);
+    return most;
   }
 
   // Moves the best pose to a better minimum beside it, if there is one: along the direction that the scan constrains least
@@ -265,6 +274,13 @@ class Search {
     // the motion may have changed the order, an unlikely one counts against a place, and so does meeting little of the map
     std::stable_sort(made.begin(), made.end(), has_more_support);
     return made;
+  }
+
+  // Whether there is one pose, which is worth its refinement before its free space is checked: it is checked where it ends alone.
+  bool is_alone_and_good() {
+    if (found_.size() != 1) return false;
+    measures_.measure(found_.front());
+    return may_be_accepted();
   }
 
   // Whether fine alignment is worth its time. Always so while the calibration is the prior.
