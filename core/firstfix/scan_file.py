@@ -106,8 +106,9 @@ def scan_of_cloud(cloud: PointCloud) -> Scan:
         InvalidScan, TooLarge: as ``Scan.from_columns``.
     """
     with np.errstate(invalid="ignore", over="ignore"):  # an intensity may be any float32
-        x, y, z = (cloud.columns[axis] for axis in "xyz")
-        times = point_times(cloud.columns, None)
+        columns = cloud.columns
+        times = point_times(columns, None)
+        x, y, z = columns["x"], columns["y"], columns["z"]
         return Scan.from_columns(x, y, z, cloud.intensity, times.stamp_s, times.time_s, times.field)
 
 

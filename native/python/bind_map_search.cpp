@@ -16,7 +16,8 @@
 #include "arrays.hpp"
 #include "candidates.hpp"
 #include "cascade_tables.hpp"
-#include "firstfix/query/climb.hpp"
+#include "firstfix/query/answered.hpp"
+#include "firstfix/query/prepared_query.hpp"
 #include "map_numbers.hpp"
 #include "queries.hpp"
 #include "rooms.hpp"
@@ -25,14 +26,16 @@ namespace firstfix::python {
 
 namespace {
 
-using Direction = In<double, nb::shape<3>>;
 using Levelling = std::tuple<In<double, nb::shape<3, 3>>, double>;  // R_level_sensor, height_m
-// What the ladder reads of a scan beside its view: its levelling, all points within range, the robot's own occupancy, the thinned points
-// and their normals.
-using Described = std::tuple<Levelling, Points, std::optional<Bits>, Points, Points>;
+// A place of an answer: number of its search, row of the template, T_map_sensor, fit (as firstfix.answer.quality.AlignmentQuality),
+// its share of the probability.
+using Quality = std::tuple<double, double, double, double, double, double, std::optional<double>>;
+using Place = std::tuple<std::size_t, std::int64_t, Doubles, Quality, double>;
+using Free = std::tuple<bool, Doubles, double>;  // whether it is a turn, the direction, the standard deviation
+// T_map_base, covariance, the free directions, the motion
+using Placed = std::tuple<std::optional<Doubles>, Doubles, std::vector<Free>, std::optional<Doubles>>;
 
 constexpr std::size_t kMostCandidates = 1000;
-constexpr PoseMatrix kSameFrame{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
 
 // A Python object that may be let go of without the lock.
 std::shared_ptr<nb::object> held(nb::object&& object) {
@@ -81,48 +84,35 @@ Describe describe_of(nb::object&& retrieval, const SearchedMap& map) {
   return tables->describe();
 }
 
-detail::Vector3 direction_of(const Direction& given) {
-  const detail::Vector3 made{given(0), given(1), given(2)};
-  const double length2 = detail::dot(made, made);
-  require(length2 > 1e-12 && length2 < 1e18, "up has no direction");
-  return made;
+// Its grid, if the templates are described by their occupancy here.
+const LayeredGrid* grid_of(const nb::object& retrieval) {
+  return nb::isinstance<CascadeTables>(retrieval) ? &nb::cast<const CascadeTables*>(retrieval)->grid() : nullptr;
 }
 
-// A query with its search in one map, and what both refer to.
-class BoundMapSearch {
- public:
-  BoundMapSearch(const SearchedMap& map, nb::object retrieval, const std::vector<Viewed>& viewed, const std::vector<Described>& described,
-                 const Scanned& dense, const Scanned& sparse, std::size_t spots, const SearchOptions& options)
-      : retrieval_(retrieval), described_(described), query_(query_of(viewed, dense, sparse, spots)) {
-    require(described_.size() == viewed.size(), "there is not one levelling for each scan");
-    std::vector<QueriedScan> scans;
-    for (std::size_t i = 0; i < described_.size(); ++i) scans.push_back(queried(described_[i], query_.scans[i].T_last_scan));
-    Describe describe = describe_of(std::move(retrieval), map);
-    without_gil([&] { search_.emplace(map, query_, std::move(scans), std::move(describe), options); });
-  }
+std::vector<MapSearch*> searches_in(const std::vector<MapSearch*>& given) {
+  for (const MapSearch* const one : given) require(one != nullptr, "a search is None");
+  return given;
+}
 
-  MapSearch& search() { return *search_; }
-  const MapSearch& search() const { return *search_; }
+Place place_of(const AnsweredPlace& one) {
+  const Fit& fit = one.pose->fit;
+  return {one.search, one.pose->template_row, copy_of(one.T_map_sensor, {4, 4}),
+          Quality(fit.inlier_ratio, fit.alignment_score, fit.free_space_violation, fit.removed_surface, fit.beside_surface,
+                  fit.same_plane, seen_free_of(fit)),
+          one.share};
+}
 
- private:
-  QueriedScan queried(const Described& one, const PoseMatrix& T_last_scan) const {
-    const auto& [levelling, seen, occupancy, points, normals] = one;
-    const auto& [R_level_sensor, height_m] = levelling;
-    require(normals.shape(0) == points.shape(0), "there is not one normal for each point");
-    require(std::fabs(height_m) < 1e6, "the height of a sensor is too large");
-    QueriedScan made{{T_last_scan, {}, {points.data(), normals.data(), points.shape(0)}}, height_m, vectors_of(seen), nullptr};
-    for (std::size_t i = 0; i < 9; ++i) made.measured.R_level_sensor[i / 3][i % 3] = R_level_sensor.data()[i];
-    if (occupancy && nb::isinstance<CascadeTables>(retrieval_)) {
-      made.occupancy = nb::cast<const CascadeTables*>(retrieval_)->checked(*occupancy);
-    }
-    return made;
-  }
-
-  nb::object retrieval_;
-  std::vector<Described> described_;
-  SearchedQuery query_;
-  std::optional<MapSearch> search_;
-};
+std::optional<Placed> placed_of(const Answered& answer) {
+  if (!answer.pose) return std::nullopt;
+  const AnsweredPose& pose = *answer.pose;
+  std::optional<Doubles> T_map_base, twist;
+  if (pose.T_map_base) T_map_base = copy_of(*pose.T_map_base, {4, 4});
+  const KnownTwist& solved = answer.places.front().pose->registration.twist;
+  if (solved) twist = copy_of(*solved, {6});
+  std::vector<Free> free;
+  for (const FreeAxis& one : pose.degenerate) free.emplace_back(one.is_turn, copy_of(one.direction, {3}), one.sigma);
+  return Placed(std::move(T_map_base), copy_of(pose.covariance, {6, 6}), std::move(free), std::move(twist));
+}
 
 template <class Work>
 StageTimes::Seconds timed(Work&& work) {
@@ -143,59 +133,59 @@ void bind_map_search(nb::module_& module) {
       .value("WIDE", Step::wide)
       .value("OTHER_UPS", Step::other_ups)
       .value("EXHAUSTIVE", Step::exhaustive);
-  nb::class_<BoundMapSearch>(module, "MapSearch")
+  nb::class_<MapSearch>(module, "MapSearch")
       .def(
           "__init__",
-          [](BoundMapSearch* place, const SearchedMap& map, nb::object retrieval, const std::vector<Viewed>& scans,
-             const std::vector<Described>& described, const Scanned& dense, const Scanned& sparse, std::size_t spots,
-             std::optional<PriorNumbers> prior, std::optional<Direction> gravity, Direction up_by_mounting,
-             std::optional<std::size_t> max_candidates, std::optional<double> asked, double left_s) {
+          [](MapSearch* place, const SearchedMap& map, nb::object retrieval, const PreparedQuery& query,
+             std::optional<PriorNumbers> prior, std::optional<std::size_t> max_candidates, std::optional<double> asked, double left_s) {
             require(!max_candidates || (*max_candidates >= 1 && *max_candidates <= kMostCandidates), "max_candidates is out of range");
-            SearchOptions options{prior_of(prior), std::nullopt, direction_of(up_by_mounting), max_candidates,
-                                  asked.value_or(std::numeric_limits<double>::quiet_NaN()), Deadline::after_s(left_s)};
-            if (gravity) options.gravity = direction_of(*gravity);
-            new (place) BoundMapSearch(map, std::move(retrieval), scans, described, dense, sparse, spots, options);
+            const SensorState& sensor = query.sensor();
+            const SearchOptions options{prior_of(prior), sensor.gravity, sensor.up_by_mounting, max_candidates,
+                                        asked.value_or(std::numeric_limits<double>::quiet_NaN()), Deadline::after_s(left_s)};
+            std::vector<QueriedScan> scans = query.queried(grid_of(retrieval));
+            Describe describe = describe_of(std::move(retrieval), map);
+            without_gil([&] { new (place) MapSearch(map, query.searched(), std::move(scans), std::move(describe), options); });
           },
-          nb::keep_alive<1, 2>(), "map"_a, "retrieval"_a, "scans"_a, "described"_a, "dense"_a, "sparse"_a, "spots"_a, "prior"_a.none(),
-          "gravity"_a.none(), "up_by_mounting"_a, "max_candidates"_a.none(), "asked"_a.none(), "left_s"_a)
-      .def("take",
-           [](BoundMapSearch& bound, Step step) { return timed([&](StageTimes& times) { bound.search().take(step, times); }); },
-           "step"_a)
+          nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), "map"_a, "retrieval"_a, "query"_a, "prior"_a.none(),
+          "max_candidates"_a.none(), "asked"_a.none(), "left_s"_a)
+      .def("take", [](MapSearch& search, Step step) { return timed([&](StageTimes& times) { search.take(step, times); }); }, "step"_a)
       .def("may_fit",
-           [](BoundMapSearch& bound, double inlier_ratio) {
+           [](MapSearch& search, double inlier_ratio) {
              StageTimes times;
-             return without_gil([&] { return bound.search().may_fit(inlier_ratio, times); });
+             return without_gil([&] { return search.may_fit(inlier_ratio, times); });
            },
            "inlier_ratio"_a)
-      .def("found", [](const BoundMapSearch& bound) { return found_in(bound.search().found()); })
-      .def_prop_ro("outside_lead", [](const BoundMapSearch& bound) { return bound.search().outside_lead(); })
-      .def_prop_ro("taken", [](const BoundMapSearch& bound) { return bound.search().taken(); })
-      .def("is_settled", [](const BoundMapSearch& bound) { return bound.search().is_settled(); });
+      .def("found", [](const MapSearch& search) { return found_in(search.found()); })
+      .def_prop_ro("outside_lead", [](const MapSearch& search) { return search.outside_lead(); })
+      .def_prop_ro("taken", [](const MapSearch& search) { return search.taken(); })
+      .def("is_settled", [](const MapSearch& search) { return search.is_settled(); });
   module.def(
-      "search_maps",
-      [](const std::vector<BoundMapSearch*>& bound, bool is_one_likely) {
-        std::vector<MapSearch*> searches;
-        for (BoundMapSearch* const one : bound) {
-          require(one != nullptr, "a search is None");
-          searches.push_back(&one->search());
-        }
-        return timed([&](StageTimes& times) { search_maps(searches, is_one_likely, times); });
+      "answered",
+      [](const std::vector<MapSearch*>& searches, bool is_one_likely, std::optional<PoseArray> T_base_sensor) {
+        const std::vector<MapSearch*> all = searches_in(searches);
+        std::optional<PoseMatrix> mounting;
+        if (T_base_sensor) mounting = finite_pose_of(*T_base_sensor);
+        StageTimes times;
+        const Answered made = without_gil([&] { return answered(all, is_one_likely, mounting, times); });
+        std::vector<Place> places;
+        for (const AnsweredPlace& one : made.places) places.push_back(place_of(one));
+        return std::make_tuple(code_of(made.decision.why), made.decision.probability, std::move(places), placed_of(made), times.seconds());
       },
-      "searches"_a, "is_one_likely"_a);
+      "searches"_a, "is_one_likely"_a, "T_base_sensor"_a.none());
   module.def(
       "similar_places",
       [](const SearchedMap& map, nb::object retrieval, Levelling levelling, Bits occupancy, std::optional<PriorNumbers> prior,
          std::size_t most, std::size_t clusters) {
         const auto& [R_level_sensor, height_m] = levelling;
         require(std::fabs(height_m) < 1e6, "the height of a sensor is too large");
-        QueriedScan scan{{kSameFrame, {}, {}}, height_m, {}, occupancy.data()};
+        QueriedScan scan{{detail::kSameFrame, {}, {}}, height_m, {}, occupancy.data()};
         for (std::size_t i = 0; i < 9; ++i) scan.measured.R_level_sensor[i / 3][i % 3] = R_level_sensor.data()[i];
         if (nb::isinstance<CascadeTables>(retrieval)) nb::cast<const CascadeTables*>(retrieval)->checked(occupancy);
         const Describe describe = describe_of(std::move(retrieval), map);
         const std::optional<PriorRegion> region = prior_of(prior);
         return arrays_of(without_gil([&] {
           const LevelledScan levelled{0, scan.measured.R_level_sensor, height_m, true};
-          return similar_places(*map.places, map.spacing_m, describe(scan, levelled), kSameFrame, levelled, region, {most, clusters});
+          return similar_places(*map.places, map.spacing_m, describe(scan, levelled), detail::kSameFrame, levelled, region, {most, clusters});
         }));
       },
       "map"_a, "retrieval"_a, "levelling"_a, "occupancy"_a, "prior"_a.none(), "most"_a, "clusters"_a);

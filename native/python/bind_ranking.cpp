@@ -43,20 +43,6 @@ ProbabilityNumbers probability_numbers(nb::handle numbers) {
 // A pose that competes: number of its map, quality, support, spots, is_alike, outside_lead, rests, is_in_motion.
 using Asked = std::tuple<std::size_t, nb::object, double, std::size_t, bool, double, bool, bool>;
 
-// The code of firstfix.answer.localization.Reason; nothing: localized.
-std::optional<std::string> code_of(Why why) {
-  switch (why) {
-    case Why::kLocalized: return std::nullopt;
-    case Why::kNoCandidate: return "no_candidate";
-    case Why::kLowInlierRatio: return "low_inlier_ratio";
-    case Why::kFreeSpaceViolation: return "free_space_violation";
-    case Why::kLowProbability: return "low_probability";
-    case Why::kNotConverged: return "not_converged";
-    case Why::kSeveralPlaces: return "several_places";
-  }
-  return std::nullopt;
-}
-
 }  // namespace
 
 void bind_ranking(nb::module_& module) {

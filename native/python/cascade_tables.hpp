@@ -56,6 +56,8 @@ class CascadeTables {
   // How a scan is described as the templates are, and which of them resemble it.
   Describe describe() const { return by_occupancy(view, grid_); }
 
+  const LayeredGrid& grid() const { return grid_; }
+
   std::size_t templates() const { return view.templates.count; }
 
   Cascade view{};

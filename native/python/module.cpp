@@ -16,6 +16,7 @@ NB_MODULE(FIRSTFIX_MODULE, module) {
   firstfix::python::bind_registration(module);
   firstfix::python::bind_index(module);
   firstfix::python::bind_query(module);
+  firstfix::python::bind_prepared_query(module);
   firstfix::python::bind_places(module);
   firstfix::python::bind_retrieval(module);
   firstfix::python::bind_scan(module);

@@ -12,6 +12,7 @@ void bind_mesh(nanobind::module_& module);
 void bind_registration(nanobind::module_& module);
 void bind_index(nanobind::module_& module);
 void bind_query(nanobind::module_& module);
+void bind_prepared_query(nanobind::module_& module);
 void bind_places(nanobind::module_& module);
 void bind_retrieval(nanobind::module_& module);
 void bind_scan(nanobind::module_& module);

@@ -5,7 +5,7 @@
 #include <optional>
 #include <vector>
 
-#include "firstfix/query/climb.hpp"
+#include "firstfix/query/answered.hpp"
 #include "hostile.hpp"
 #include "random_map.hpp"
 
@@ -48,6 +48,18 @@ void check(const MapSearch& search) {
   expect(!search.taken().empty(), "the first step is always taken");
 }
 
+void check(const Answered& answer, bool has_base) {
+  const bool is_localized = answer.decision.why == Why::kLocalized;
+  expect(answer.pose.has_value() == is_localized, "a pose of a localized query alone");
+  expect(!is_localized || (!answer.places.empty() && answer.pose->T_map_base.has_value() == has_base), "a pose at the first place");
+  expect(code_of(answer.decision.why).has_value() == !is_localized, "a reason of the others");
+  for (std::size_t i = 0; i < answer.places.size(); ++i) {
+    const AnsweredPlace& one = answer.places[i];
+    expect(one.share >= 0 && one.share <= 1, "a share");
+    expect(i == 0 || answer.places[i - 1].pose->support >= one.pose->support, "best first");
+  }
+}
+
 void climb_once(Hostile& random) {
   const double wrong = random.chance(0.5) ? 0.1 : 0;
   const RandomMap tables(random, wrong);
@@ -72,7 +84,9 @@ void climb_once(Hostile& random) {
   StageTimes times;
   if (random.chance(0.3)) searches.back()->may_fit(0.3, times);
   const bool is_one_likely = random.chance(0.4);
-  search_maps(searches, is_one_likely, times);
+  std::optional<PoseMatrix> T_base_sensor;
+  if (random.chance(0.3)) T_base_sensor = pose(random, 0);
+  check(answered(searches, is_one_likely, T_base_sensor, times), T_base_sensor.has_value());
   if (!is_one_likely) {
     for (const MapSearch* search : searches) check(*search);
   }

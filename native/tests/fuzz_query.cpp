@@ -1,4 +1,5 @@
 // Scans of any numbers, prepared for a query.
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -6,9 +7,8 @@
 #include <stdexcept>
 #include <vector>
 
-#include "firstfix/query/joined_scans.hpp"
-#include "firstfix/query/prepared_scan.hpp"
-#include "firstfix/scan/timed_view.hpp"
+#include "firstfix/query/prepared_query.hpp"
+#include "firstfix/query/scan_facts.hpp"
 #include "hostile.hpp"
 
 namespace firstfix::tests {
@@ -43,8 +43,10 @@ void check(const std::optional<PreparedScan>& made, const Preparation& wanted, s
   }
 }
 
+PoseMatrix moved(Hostile& random) { return {0, -1, 0, random.real(50, 0), 1, 0, 0, random.real(50, 0), 0, 0, 1, 0, 0, 0, 0, 1}; }
+
 void join(const PreparedScan& made, const Preparation& wanted, Hostile& random) {
-  const PoseMatrix T{0, -1, 0, random.real(50, 0), 1, 0, 0, random.real(50, 0), 0, 0, 1, 0, 0, 0, 0, 1};
+  const PoseMatrix T = moved(random);
   ScannedSurface untimed = made.dense;
   untimed.at.time_s.clear();
   const JoinedSurface both = joined({{T, &untimed}, {T, &made.dense}}, wanted.voxel_m, wanted.dense_points, wanted.sparse_points);
@@ -60,6 +62,43 @@ void view_in_time(const std::vector<float>& points, const std::vector<float>& ti
   const PointsInTime seen = timed_view(points.data(), time_s.data(), time_s.size(), nearest.data(), directions.data());
   expect(seen.size() == seen.time_s.size(), "a time for each return");
   for (const float time : seen.time_s) expect(std::fabs(time) <= 0.2F, "times of the scan");
+}
+
+// Whole and compact scans of the same points, one after the other.
+void prepare_query(Vectors<const float> points, const float* time_s, const std::vector<float>& nearest, const Preparation& wanted,
+                   Hostile& random) {
+  std::vector<AskedScan> asked;
+  for (std::int64_t i = random.number(1, 3); i > 0; --i) {
+    AskedScan one{i == 1 ? detail::kSameFrame : moved(random), points, time_s, random.chance(0.5) ? nearest.data() : nullptr, {}};
+    if (one.nearest_m != nullptr && random.chance(0.5)) {
+      const LayeredGrid grid = LayeredGrid::of(4, 8, 20, {0.F, 1.F, 3.F});
+      one.described = RobotDescription{grid, std::vector<std::uint8_t>(grid.bytes(), 3), {0, 0, 1}, 1.2};
+    }
+    asked.push_back(one);
+  }
+  SensorState sensor{std::nullopt, {0, 0.1, 0.9}, std::nullopt};
+  if (random.chance(0.3)) sensor.gravity = detail::Vector3{0.1, 0, -9.8};
+  if (random.chance(0.3)) sensor.twist = Vector6{random.real(5, 0), 0.1, 0, 0, 0, random.real(2, 0)};
+  try {
+    const auto query = PreparedQuery::of(asked, sensor, {wanted, 1, 0.9});
+    if (!query) return;
+    const LayeredGrid grid = LayeredGrid::of(4, 8, 20, {0.F, 1.F, 3.F});
+    const std::vector<QueriedScan> scans = query->queried(&grid);
+    expect(scans.size() == query->searched().scans.size() && !scans.empty(), "a view for each scan");
+    for (const QueriedScan& one : scans) expect(one.measured.thinned.count >= wanted.min_points, "enough points");
+    expect(query->searched().sparse.size() <= query->searched().dense.size() && query->searched().spots >= 1, "a part of the points");
+  } catch (const Error&) {
+    expect(time_s == nullptr && sensor.twist.has_value(), "a twist needs times");
+  }
+}
+
+void tell(Vectors<const float> points, Hostile& random) {
+  if (points.size == 0 || !std::all_of(points.data, points.data + 3 * points.size, [](float m) { return std::isfinite(m); })) return;
+  const PartFacts facts = scan_facts(points);
+  expect(facts.median_range_m >= 0 && facts.median_range_m <= facts.largest_range_m, "ranges");
+  expect(!facts.rings || (*facts.rings >= 1 && *facts.rings <= kMaxRings), "rings");
+  expect(!facts.plane_ratio || *facts.plane_ratio >= 0, "a thickness");
+  is_spread_elsewhere(points, random.real(2), 4);
 }
 
 void prepare_once(Hostile& random) {
@@ -80,6 +119,8 @@ void prepare_once(Hostile& random) {
     const auto made = prepared_scan(points.data(), when, count, wanted, levelling);
     check(made, wanted, count);
     if (made) join(*made, wanted, random);
+    prepare_query({points.data(), count}, when, nearest, wanted, random);
+    tell({points.data(), count}, random);
     view_in_time(points, time_s, nearest, directions);
     check(prepared_compact_scan(points.data(), when, count, nearest.data(), directions.data(), wanted, levelling), wanted,
           count);

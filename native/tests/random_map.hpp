@@ -25,6 +25,7 @@ struct RandomMap {
     points = random.floats(static_cast<std::size_t>(3 * count), 12, wrong);
     begin = random.pointers(static_cast<std::size_t>(columns * (rows + 1)), count, wrong);
     const PointTiles tiles{points.data(), count, begin.data(), columns, rows, {-3, -3}};
+    map.T_map_level = {0, -1, 0, 5, 1, 0, 0, -3, 0, 0, 1, 0.5, 0, 0, 0, 1};
     map.fine = fine.grid, map.coarse = coarse.grid, map.near = tiles, map.far = tiles, map.reach_m = 25;
     map.registration = {0.1, 0.6, 3, 2, 0.5, 0.15};
     map.nearby = {1, 0.5, 40, 0.05, 3, 0.15, 1, 0.01};

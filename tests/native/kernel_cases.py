@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.engine.calibration import Calibration
-from firstfix.engine.config import EngineConfig
+from firstfix.engine.config import EngineConfig, PreprocessConfig
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.engine.registration.surface_grid_build import BLOCK_BITS, CellsOf, tables_around
@@ -157,6 +157,7 @@ def _searched(native: Any) -> Any:
     brick, *_, bits = _free(native)
     free = SeenFree.of_bricks(brick, bits, 0.25)
     return native.SearchedMap(
+        T_MAP_SENSOR,
         _grid(native),
         _grid(native, 1.5),
         *(_tiles(native, 0.2), _tiles(native, 0.4)),
@@ -172,14 +173,38 @@ def _searched(native: Any) -> Any:
     )
 
 
+def _prepared(native: Any, scans: Any, twist: Any = None, gravity: Any = None, up: Any = None) -> Any:
+    config = EngineConfig(preprocess=PreprocessConfig(min_points=10))
+    numbers = config.preprocess, config.ranking
+    return native.prepare(scans, gravity, UP if up is None else up, twist, *numbers)
+
+
+def _query(native: Any, times: Any = None, **how: Any) -> Any:
+    """A scan of the points of ``_aligned``."""
+    few = _aligned()[0][::8].copy()
+    return _prepared(
+        native, [(np.eye(4), few, None if times is None else times[::40].copy(), None, None)], **how
+    )
+
+
+def _parts(query: Any) -> Any:
+    """All that is in a prepared query, as one flat tuple."""
+    parts: list[Any] = [query.spots, query.in_range, *query.dense(), *query.sparse()]
+    for number in range(len(query)):
+        *plain, returns, thinned = query.scan(number)
+        parts += [*plain, *(returns or ()), *thinned]
+    return tuple(parts)
+
+
+def _compact(native: Any, described: Any) -> Any:
+    return np.eye(4), FEW, TIMES, native.nearest_by_direction(STREET), described
+
+
 def _search(native: Any, times: NDArray[np.float32] | None = None) -> Any:
     """Poses found by two runs, and what is asked of known aliases, of a scan as in ``_aligned``."""
-    few = tuple(part[::8].copy() for part in _aligned())
-    few = (*few, None if times is None else times[::40].copy())
-    scan = np.eye(4), *_view(), None if times is None else (few[0], few[3])
     prior = np.eye(4), np.array([-6.0, 0, 0]), 10.0, 0.0, 180.0
     map_searched = _searched(native)
-    search = native.Search(map_searched, [scan], few, few, 1, prior)
+    search = native.Search(map_searched, _query(native, times), prior)
     starts, (_, twist) = _starts()
     rows, score = np.arange(2), np.array([0.5, 0.4])
     first = search.run(rows, starts, score, None, starts[:0], True)
@@ -200,33 +225,35 @@ def _search(native: Any, times: NDArray[np.float32] | None = None) -> Any:
 
 def _ladder(native: Any, retrieval: Any) -> Any:
     """Poses found by all steps of the ladder, in two maps, of a scan as in ``_search``."""
-    few = tuple(part[::8].copy() for part in _aligned())
-    view, levelled = (np.eye(4), *_view(), None), (R_LEVEL_SENSOR, 1.4)
-    described = levelled, few[0], None, few[0], few[1]
     prior = np.eye(4), np.array([-6.0, 0, 0]), 10.0, 0.0, 180.0
-    surface = (*few, None)
+    mounting = make_transform(R_LEVEL_SENSOR, [0.1, 0, 0.4])
 
     def made(prior: Any, gravity: Any, most: int | None) -> Any:
-        asked = prior, gravity, UP, most, 0.1, np.inf
-        return native.MapSearch(
-            _searched(native), retrieval, [view], [described], surface, surface, 1, *asked
-        )
+        asked = prior, most, 0.1, np.inf
+        return native.MapSearch(_searched(native), retrieval, _query(native, gravity=gravity), *asked)
 
     alone, one, other = made(prior, None, None), made(None, UP, 2), made(None, None, None)
     fits = [one.may_fit(0.3), alone.may_fit(1.0)]
-    stages = [
-        *alone.take(Step.NARROW),
-        *native.search_maps([alone], False),
-        *native.search_maps([one, other], True),
-    ]
+    stages = alone.take(Step.NARROW)
+    answers = native.answered([alone], False, None), native.answered([one, other], True, mounting)
     return (
         fits,
         *(stage for stage, _ in stages),
         *(number for search in (alone, one, other) for pose in search.found() for number in pose),
+        *(number for answer in answers for number in _answer(*answer)),
         *(search.outside_lead for search in (alone, one, other)),
         *(step.name for search in (alone, one, other) for step in search.taken),
         alone.is_settled(),
     )
+
+
+def _answer(reason: Any, probability: float, places: Any, placed: Any, stages: Any) -> Any:
+    """All that is in an answer but times, as one flat tuple."""
+    numbers = [number for *place, fit, share in places for number in (*place, *fit, share)]
+    if placed is not None:
+        T_map_base, covariance, free, twist = placed
+        numbers += [T_map_base, covariance, twist, *(number for axis in free for number in axis)]
+    return reason, probability, *numbers, *(stage for stage, _ in stages)
 
 
 def _found_in_python(*levelling: Any) -> Any:
@@ -268,25 +295,20 @@ def _candidates(native: Any, *how: Any) -> Any:
     return native.candidates_of(*matches, STREET[:300], height_m, R_LEVEL_SENSOR, 1.5, T_MAP_SENSOR, *how)
 
 
-LIMITS = (0.5, 60.0, 0.25, 10)
 UP = np.array([0.1, -0.05, 0.9])
 
 
 CASES: dict[str, Callable[[Any], Any]] = {
-    "prepare_scan": lambda n: n.prepare_scan(FEW, TIMES, *LIMITS, 2500, 900, 700, 200, UP, False, 1.0),
-    "prepare_scan, untimed": lambda n: n.prepare_scan(
-        STREET, None, *LIMITS, 9000, 4000, 2000, 300, UP, True, 1.0
+    "prepare": lambda n: _parts(_prepared(n, [(np.eye(4), STREET, None, None, None)], gravity=-UP)),
+    "prepare, in time": lambda n: _parts(_prepared(n, [(np.eye(4), FEW, TIMES, None, None)])),
+    "prepare, deskewed": lambda n: _parts(_prepared(n, [_compact(n, None)], TWIST)),
+    "prepare, compact": lambda n: _parts(
+        _prepared(
+            n, [_compact(n, (*GRID, OCCUPANCY[3], UP, 1.5)), (T_MAP_SENSOR, FEW[:900], None, None, None)]
+        )
     ),
-    "prepare_compact_scan": lambda n: n.prepare_compact_scan(
-        FEW, TIMES, n.nearest_by_direction(STREET), directions(), *LIMITS, 700, 200, UP, True, 1.5, 1.0
-    ),
-    "joined_scans": lambda n: n.joined_scans(
-        [
-            (T_MAP_SENSOR, FEW, NORMALS, FEW[:, 0] > 0, None),
-            (np.eye(4), FEW[:900], NORMALS[:900], FEW[:900, 1] > 0, TIMES[:900]),
-        ],
-        *(0.3, 2000, 300),
-    ),
+    "scan_facts": lambda n: n.scan_facts(FEW[:500]),
+    "is_spread_elsewhere": lambda n: n.is_spread_elsewhere(FEW[:500], 1.06, 4.0),
     "timed_view": lambda n: n.timed_view(FEW, TIMES, n.nearest_by_direction(STREET), directions()),
     "height_above_floor": lambda n: n.height_above_floor(
         FEW, np.tile(np.float32([0, 0, 1]), (len(FEW), 1)), UP

@@ -7,12 +7,12 @@ import pytest
 
 import firstfix.native as native
 from firstfix.engine.config import RegistrationConfig
-from firstfix.engine.registration.covariance import free_directions
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.transform import make_transform, rotation_z
 from tests.native.kernel_cases import FEW, SURFACE, T_MAP_SENSOR
 from tests.reference import covariance as reference
 from tests.reference.facing import faced_information, principal_axes, told_in
+from tests.reference.verdict_in_steps import free_directions
 
 TURNED = make_transform(rotation_z(0.7), [100.0, -50.0, 3.0])
 

@@ -17,7 +17,7 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.engine.candidates import Candidates
 from firstfix.engine.index import FreeSpaceShares, MapIndex
-from firstfix.engine.preprocess import PreparedQuery, spots_of
+from firstfix.engine.preprocess import PreparedQuery
 from firstfix.engine.registered_candidate import (
     NOT_CHECKED,
     NOT_MEASURED,
@@ -25,6 +25,7 @@ from firstfix.engine.registered_candidate import (
 )
 from firstfix.engine.registration.align import Agreement, Registration, Registrations
 from firstfix.engine.registration.surface import Surface
+from firstfix.transform import Matrix
 from tests.reference.distinct import distinct
 from tests.reference.known_aliases import is_any_of, may_tie, not_far_behind, rivals_among
 from tests.reference.local_search import best_near, offsets_along, offsets_around
@@ -240,7 +241,7 @@ class HypothesisSearch:
                 aligned.T_level_sensor[rows], self._ranking, most=self._index.config.verification.compared
             )
         ]
-        spots = spots_of(self._prepared.scans, self._ranking.spots_apart_m)
+        spots = spots_of([one.T_last_scan for one in self._prepared.scans], self._ranking.spots_apart_m)
         registered = [
             RegisteredCandidate(
                 self._index,
@@ -506,3 +507,12 @@ def _mean(shares: Sequence[FreeSpaceShares]) -> FreeSpaceShares:
         sum(one.free_space_violation for one in shares) / count,
         sum(one.removed_surface for one in shares) / count,
     )
+
+
+def spots_of(T_last_scan: Iterable[Matrix], apart_m: float) -> int:
+    """Number of spots, ``apart_m`` apart, where scans of these (4, 4) poses were taken."""
+    chosen: list[NDArray[np.float64]] = []
+    for T in T_last_scan:
+        if all(float(np.linalg.norm(T[:3, 3] - other)) >= apart_m for other in chosen):
+            chosen.append(T[:3, 3])
+    return len(chosen)

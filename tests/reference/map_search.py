@@ -1,4 +1,4 @@
-"""The ladder of effort in Python: ``native.MapSearch`` and ``native.search_maps`` are held against it."""
+"""The ladder of effort in Python: ``native.MapSearch`` and ``native.answered`` are held against it."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.engine.candidates import Candidates
@@ -27,6 +29,7 @@ from tests.reference.distinct import distinct
 from tests.reference.found_candidates import candidates_of_scan, find_candidates
 from tests.reference.hypothesis_steps import HypothesisSteps
 from tests.reference.levelled_otherwise import levelled_otherwise, with_other_ups
+from tests.reference.verdict_in_steps import judge
 
 SCREENED_PER_REGISTERED = 12  # poses that are screened in the time of one candidate's registration
 COMPARED_PER_REGISTERED = 200  # templates that are compared in this time
@@ -72,13 +75,20 @@ class MapSearch:
         """
         return self._hypotheses.explains_scan
 
-    def climb(self, others: Sequence[MapSearch] = (), *, likely_one: bool = False) -> None:
+    def answer(
+        self, others: Sequence[MapSearch], options: LocalizeOptions, *, likely_one: bool = False
+    ) -> Localization:
         """See ``firstfix.engine.map_search.MapSearch``."""
         searches = [self, *others]
         if not (likely_one and _one_explains_scan(searches)):
             _search(searches)
         for search in searches:
             search.try_aliases()
+        with self._watch.stage("verify"):
+            together = [one for search in searches for one in search.registered]
+            together.sort(key=attrgetter("support"), reverse=True)
+            dense = {search._map_id: search._prepared.dense for search in searches}
+            return judge(together, options, dense[together[0].map_id] if together else None)
 
     def take(self, step: Step) -> None:
         """Search with the effort of one step, if the caller's deadline leaves time for it."""

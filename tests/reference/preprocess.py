@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.engine.changes.at_stamp import timed_view
 from firstfix.engine.config import PreprocessConfig
-from firstfix.engine.preprocess import PreparedScan, timed_view
+from firstfix.engine.preprocess import PreparedScan
 from firstfix.engine.ranking import AlignmentConfig
 from firstfix.engine.registration.surface import Surface
 from firstfix.scan.compact import CompactScan

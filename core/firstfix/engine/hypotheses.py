@@ -5,8 +5,6 @@ The search is compiled: ``native/include/firstfix/query/search.hpp``.
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,12 +13,10 @@ from ..answer.prior import Prior
 from ..transform import Matrix
 from .candidates import Candidates, prior_numbers
 from .index import MapIndex
-from .preprocess import PreparedQuery, PreparedScan, spots_of
+from .preprocess import PreparedQuery
 from .registered_candidate import RegisteredCandidate
-from .registration.surface import Surface
 
 NO_POSES = np.empty((0, 4, 4))
-_Floats: TypeAlias = NDArray[np.float32]
 
 
 class HypothesisSearch:
@@ -33,15 +29,9 @@ class HypothesisSearch:
         self, index: MapIndex, prepared: PreparedQuery, prior: Prior | None = None, map_id: str = ""
     ) -> None:
         self._index, self._map_id = index, map_id
-        self._spots = spots_of(prepared.scans, index.config.ranking.spots_apart_m)
-        self._search = native.Search(
-            index.searched,
-            [viewed(scan) for scan in prepared.scans],
-            surface_numbers(prepared.dense),
-            surface_numbers(prepared.sparse),
-            self._spots,
-            None if prior is None else prior_numbers(prior, index),
-        )
+        self._spots = prepared.compiled.spots
+        allowed = None if prior is None else prior_numbers(prior, index)
+        self._search = native.Search(index.searched, prepared.compiled, allowed)
 
     def run(
         self,
@@ -80,17 +70,3 @@ def _rows(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     template, score = candidates.template.astype(np.int64), candidates.score.astype(np.float64)
     return template, candidates.T_level_sensor, score
-
-
-def surface_numbers(surface: Surface) -> tuple[_Floats, _Floats, NDArray[np.bool_], _Floats | None]:
-    """A surface, as the compiled search reads it."""
-    return surface.points, surface.normals, surface.oriented, surface.time_s
-
-
-def viewed(
-    scan: PreparedScan,
-) -> tuple[NDArray[np.float64], NDArray[np.bool_], _Floats, tuple[_Floats, _Floats] | None]:
-    """A scan's ranges by direction, as the compiled search reads them."""
-    returns = scan.returns
-    timed = None if returns is None or returns.time_s is None else (returns.points, returns.time_s)
-    return scan.T_last_scan, scan.view.returned, scan.view.least, timed

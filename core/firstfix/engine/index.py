@@ -138,6 +138,7 @@ class MapIndex:
         """The map as the compiled search reads it."""
         config, seen_free = self.config, self.seen_free
         return native.SearchedMap(
+            self.T_map_level,
             self.surface.fine.tables,
             self.surface.coarse.tables,
             self.view.near.tables,

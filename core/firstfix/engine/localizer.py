@@ -21,11 +21,10 @@ from .diagnosis.place_findings import reasons_found
 from .hint.find import find_hint
 from .index import MapIndex
 from .map_search import MapSearch, Step
-from .preprocess import PreparedQuery, deskewed, preprocess
+from .preprocess import PreparedQuery, preprocess
 from .ranking import RankingConfig
-from .registered_candidate import RegisteredCandidate
 from .stopwatch import Stopwatch
-from .verdict import judge, threshold_of
+from .verdict import threshold_of
 from .with_prior import judging
 
 
@@ -79,19 +78,16 @@ class Localizer:
         """Preprocesses the scans. Returns None if too few points are left.
 
         Raises:
-            InvalidOption: this map cannot keep the caller's ``max_false_accept``.
+            InvalidOption: this map cannot keep the caller's ``max_false_accept``, or a twist was given and
+                the times of the points are not known.
         """
         threshold_of(self.index, options, map_id)
         mounting = options.T_base_sensor
         R_base_sensor = None if mounting is None else mounting[:3, :3]
         with watch.stage("preprocess"):
-            config = self.index.config.preprocess
+            config = self.index.config
             return preprocess(
-                deskewed(sequence, options.twist),
-                options.gravity,
-                config,
-                R_base_sensor,
-                self.index.config.ranking,
+                sequence, options.gravity, config.preprocess, R_base_sensor, config.ranking, options.twist
             )
 
     def search(
@@ -196,16 +192,11 @@ def _answer_of(
 ) -> Localization:
     """Search the maps for which the query could be prepared, and judge what was found."""
     searches = [maps[map_id].search(query, options, watch, map_id) for map_id, query in prepared.items()]
-    searches[0].climb(searches[1:], likely_one=likely_one)
-    with watch.stage("verify"):
-        together: list[RegisteredCandidate] = []
-        for search in searches:
-            together += search.registered
-        together.sort(key=attrgetter("support"), reverse=True)
-        best = prepared[together[0].map_id].dense if together else None
-        answer = judge(together, options, best)
+    answer = searches[0].answer(searches[1:], options, likely_one=likely_one)
     if answer.verdict is Verdict.AMBIGUOUS:
         with watch.stage("hint"):
+            together = [one for search in searches for one in search.registered]
+            together.sort(key=attrgetter("support"), reverse=True)
             probability = [hypothesis.probability for hypothesis in answer.hypotheses]
             answer = replace(answer, hint=find_hint(prepared[together[0].map_id], together, probability))
     return answer

@@ -1,7 +1,7 @@
 """Search of one query in one map or several (docs/method.md section 7.1).
 
-The ladder of effort is compiled: ``native/include/firstfix/query/map_search.hpp`` and ``climb.hpp``. It runs
-without the interpreter's lock, which only a retrieval that is not compiled takes.
+The ladder of effort and the verdict are compiled: ``native/include/firstfix/query/climb.hpp`` and
+``answered.hpp``. They run without the interpreter's lock, which only a retrieval that is not compiled takes.
 """
 
 from __future__ import annotations
@@ -14,19 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import native
+from ..answer.localization import Localization
 from ..answer.options import LocalizeOptions
 from .candidates import prior_numbers
-from .hypotheses import surface_numbers, viewed
 from .index import MapIndex
-from .preprocess import PreparedQuery, PreparedScan, spots_of
+from .preprocess import PreparedQuery
 from .registered_candidate import RegisteredCandidate
 from .retrieval.cascade import Cascade, FoundTemplates
 from .stopwatch import Stopwatch
-from .verdict import threshold_of
+from .verdict import answer_of, threshold_of
 
 Step = native.Step  # effort levels, cheapest first
-
-_UPRIGHT = np.array([0.0, 0.0, 1.0])
 
 
 class MapSearch:
@@ -43,21 +41,13 @@ class MapSearch:
         watch: Stopwatch,
         map_id: str = "",
     ) -> None:
-        self._index, self._watch, self._map_id = index, watch, map_id
-        self._spots = spots_of(prepared.scans, index.config.ranking.spots_apart_m)
-        mounting, retrieval = options.T_base_sensor, index.cascade.compiled
-        scans = prepared.scans
+        self._index, self._prepared, self._watch, self._map_id = index, prepared, watch, map_id
+        retrieval = index.cascade.compiled
         self._compiled = native.MapSearch(
             index.searched,
-            _describing(index.cascade, scans) if retrieval is None else retrieval,
-            list(map(viewed, scans)),
-            [_to_describe(scan, index) for scan in scans],
-            surface_numbers(prepared.dense),
-            surface_numbers(prepared.sparse),
-            self._spots,
+            _describing(index.cascade, prepared) if retrieval is None else retrieval,
+            prepared.compiled,
             None if options.prior is None else prior_numbers(options.prior, index),
-            options.gravity,
-            _UPRIGHT if mounting is None else mounting[2, :3],
             options.max_candidates,
             threshold_of(index, options, map_id),
             watch.left_s,
@@ -67,7 +57,7 @@ class MapSearch:
     def registered(self) -> list[RegisteredCandidate]:
         """Distinct poses that the prior allows, best first, of all steps so far."""
         poses, lead = self._compiled.found(), self._compiled.outside_lead
-        found = RegisteredCandidate.found(self._index, self._map_id, self._spots, poses)
+        found = RegisteredCandidate.found(self._index, self._map_id, self._prepared.compiled.spots, poses)
         if found and lead:
             found[0] = replace(found[0], outside_lead=lead)
         return found
@@ -93,36 +83,35 @@ class MapSearch:
         """
         return self._compiled.may_fit(inlier_ratio)
 
-    def climb(self, others: Sequence[MapSearch] = (), *, likely_one: bool = False) -> None:
-        """Climb the effort levels until a place explains the scan, then let known aliases compete.
+    def answer(
+        self, others: Sequence[MapSearch], options: LocalizeOptions, *, likely_one: bool = False
+    ) -> Localization:
+        """Climb the effort levels until a place explains the scan, let known aliases compete, and judge.
 
         Args:
             others: searches of the same query in other maps, whose places compete with those of this one.
+            options: those of the query.
             likely_one: the maps were chosen because each resembles the scan, and at most one of them is
                 right. If one explains the scan clearly, the others are only looked at.
         """
-        compiled = [self._compiled]
+        compiled, map_ids = [self._compiled], [self._map_id]
         for other in others:
             compiled.append(other._compiled)
-        self._watch.add(native.search_maps(compiled, likely_one))
+            map_ids.append(other._map_id)
+        reason, probability, places, placed, stages = native.answered(
+            compiled, likely_one, options.T_base_sensor
+        )
+        self._watch.add(stages)
+        return answer_of(reason, probability, places, placed, map_ids, options.twist)
 
 
-def _to_describe(scan: PreparedScan, index: MapIndex) -> tuple[Any, ...]:
-    known, descriptor = scan.described, index.cascade.descriptor
-    occupancy = None
-    if known is not None and known.agrees_with(descriptor):  # the robot had all points
-        occupancy = known.occupancy
-    thinned = scan.thinned
-    return (scan.R_level_sensor, scan.height_m), scan.seen, occupancy, thinned.points, thinned.normals
-
-
-def _describing(cascade: Cascade, scans: Sequence[PreparedScan]) -> Callable[..., Any]:
+def _describing(cascade: Cascade, prepared: PreparedQuery) -> Callable[..., Any]:
     """How a retrieval that is not compiled describes a scan, by its number and levelling."""
 
     def describe(
         number: int, R_level_sensor: NDArray[np.float64], height_m: float, is_as_measured: bool
     ) -> Callable[..., FoundTemplates]:
-        scan = scans[number]
+        scan = prepared.scans[number]
         if not is_as_measured:
             scan = replace(scan, R_level_sensor=R_level_sensor, height_m=height_m, described=None)
         return cascade.finder(scan.described_by(cascade.descriptor))

@@ -2,72 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import native
 from ..descriptor import Described, Descriptor, LayeredOccupancy, ScanBatch
-from ..errors import InvalidOption
-from ..native import (
-    deskew,
-    prepare_compact_scan,
-    prepare_scan,
-    turned_occupied_cells,
-)
+from ..native import deskew, turned_occupied_cells
 from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.levelling import turned
-from ..scan.reduction import RangeView, TimedPoints, directions, nearest_by_direction
+from ..scan.reduction import RangeView, TimedPoints
 from ..scan.scan import Scan
 from ..scan.sequence import ScanSequence
 from ..transform import Matrix
 from .config import PreprocessConfig
-from .ranking import RANKING, AlignmentConfig
-from .registration.surface import SAME_FRAME, Surface
+from .ranking import RANKING, RankingConfig
+from .registration.surface import Surface
 
-
-def timed_view(timed: TimedPoints, nearest_m: NDArray[np.float32]) -> TimedPoints:
-    """The returns of a range view, each in the middle of its direction.
-
-    Its time is the mean of those of the points in its column. A spinning sensor sees a column at one time.
-    The times of any other one are spread over its columns: their mean then changes little.
-
-    Args:
-        timed: points of the scan, with times.
-        nearest_m: (cells,) nearest ranges by direction, infinite where nothing returned.
-    """
-    assert timed.time_s is not None
-    return TimedPoints(*native.timed_view(timed.points, timed.time_s, nearest_m, directions()))
-
-
-def deskewed(sequence: ScanSequence, twist: NDArray[np.float64] | None) -> ScanSequence:
-    """The sequence with its last scan as it would have been seen at its stamp. None changes nothing.
-
-    The other scans stay as they are: the twist is that of the last one.
-
-    Args:
-        twist: (6,) m/s then rad/s, in the sensor frame.
-
-    Raises:
-        InvalidOption: the times of the points are not known.
-    """
-    if twist is None:
-        return sequence
-    last = sequence.scans[-1]
-    if last.time_s is None:
-        raise InvalidOption("a twist needs the times of the scan's points")
-    motion = np.asarray(twist, np.float64)
-    still: Scan | CompactScan = replace(last, points=deskew(last.points, last.time_s, motion), time_s=None)
-    if isinstance(last, CompactScan) and isinstance(still, CompactScan):
-        returns = timed_view(TimedPoints(last.points, last.time_s), last.nearest_m)
-        assert returns.time_s is not None
-        moved = deskew(returns.points, returns.time_s, motion)
-        still = replace(still, nearest_m=nearest_by_direction(moved))
-    return ScanSequence((*sequence.scans[:-1], still), sequence.T_last_scan)
+_UPRIGHT = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -121,28 +76,51 @@ class PreparedScan:
         return self.R_level_sensor[2]
 
 
-@dataclass(frozen=True)
 class PreparedQuery:
     """Scans of a query, and their points together in the frame of the last scan.
 
+    They stay in the compiled core, which describes, searches and registers them. Arrays are views of its
+    memory.
+
     Attributes:
-        dense: thinned points, for fine alignment.
-        sparse: a part of them, enough to align and compare many candidates.
+        compiled: the query as the compiled search reads it.
+        in_range: number of the last scan's points within range; of a compact scan, with its returns.
     """
 
-    scans: tuple[PreparedScan, ...]
-    dense: Surface
-    sparse: Surface
+    def __init__(self, compiled: native.PreparedQuery, sequence: ScanSequence) -> None:
+        self.compiled, self._sequence = compiled, sequence
+        self.in_range = compiled.in_range
 
+    @cached_property
+    def scans(self) -> tuple[PreparedScan, ...]:
+        """The scans that have enough points."""
+        return tuple(self._scan(number) for number in range(len(self.compiled)))
 
-def spots_of(scans: Iterable[PreparedScan], apart_m: float) -> int:
-    """Number of spots, ``apart_m`` apart, where the scans of a query were taken."""
-    chosen: list[NDArray[np.float64]] = []
-    for scan in scans:
-        spot = scan.T_last_scan[:3, 3]
-        if all(float(np.linalg.norm(spot - other)) >= apart_m for other in chosen):
-            chosen.append(spot)
-    return len(chosen)
+    @cached_property
+    def dense(self) -> Surface:
+        """Thinned points, for fine alignment."""
+        return _surface(*self.compiled.dense())
+
+    @cached_property
+    def sparse(self) -> Surface:
+        """A part of the thinned points, enough to align and compare many candidates."""
+        return _surface(*self.compiled.sparse())
+
+    def _scan(self, number: int) -> PreparedScan:
+        asked, T_last_scan, R_level_sensor, height_m, seen, returned, least, returns, thinned = (
+            self.compiled.scan(number)
+        )
+        scan = self._sequence.scans[asked]
+        return PreparedScan(
+            T_last_scan,
+            R_level_sensor,
+            height_m,
+            seen,
+            scan.described if isinstance(scan, CompactScan) else None,
+            RangeView(returned.view(np.bool_), least),
+            _surface(*thinned),
+            None if returns is None else TimedPoints(*returns),
+        )
 
 
 def preprocess(
@@ -150,114 +128,40 @@ def preprocess(
     gravity: NDArray[np.float64] | None,
     config: PreprocessConfig,
     R_base_sensor: NDArray[np.float64] | None = None,
-    ranking: AlignmentConfig = RANKING,
+    ranking: RankingConfig = RANKING,
+    twist: NDArray[np.float64] | None = None,
 ) -> PreparedQuery | None:
     """Prepares a query. Returns None if too few points are left.
+
+    Compiled: ``native/include/firstfix/query/prepared_query.hpp``.
 
     Args:
         gravity: (3,) direction of gravity in the last scan's sensor frame; None: estimated from the
             surfaces, for every scan. A scan that the robot has levelled stays as it is.
         R_base_sensor: (3, 3) mounting on a robot that stands nearly upright: up is estimated near the robot's
             z. None: near the sensor's z.
+        twist: (6,) m/s then rad/s of the sensor during the last scan, in its frame: the scan is taken as it
+            would have been seen at its stamp. None: not known, the scan stays as it is.
+
+    Raises:
+        InvalidOption: a twist is given, and the times of the points are not known.
     """
-    scans, sparse = [], None
-    # the motion that is solved is the last scan's
-    still = [replace(scan, time_s=None) for scan in sequence.scans[:-1]]
-    for scan, T_last_scan in zip([*still, sequence.scans[-1]], sequence.T_last_scan, strict=True):
-        down = None if gravity is None else _in_scan(T_last_scan, gravity)
-        made = _prepare(scan, T_last_scan, down, config, R_base_sensor, ranking)
-        if made is not None:
-            prepared, sparse = made
-            scans.append(prepared)
-    if not scans:
-        return None
-    if len(scans) == 1 and not (scans[0].T_last_scan != SAME_FRAME).any():
-        return PreparedQuery(tuple(scans), scans[0].thinned, scans[0].thinned if sparse is None else sparse)
-    dense, few = native.joined_scans(
-        [(one.T_last_scan, *_numbers(one.thinned)) for one in scans],
-        config.voxel_m,
-        ranking.dense_points,
-        ranking.sparse_points,
-    )
-    return PreparedQuery(tuple(scans), _surface(*dense), _surface(*few))
+    scans = list(map(_asked, sequence.scans, sequence.T_last_scan))
+    up = _UPRIGHT if R_base_sensor is None else R_base_sensor[2]
+    compiled = native.prepare(scans, gravity, up, twist, config, ranking)
+    return None if compiled is None else PreparedQuery(compiled, sequence)
 
 
-def _in_scan(T_last_scan: Matrix, direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A direction (3,) of the last scan in a scan's frame, the same bits on every processor."""
-    R, (x, y, z) = T_last_scan[:3, :3], direction
-    turned_back: NDArray[np.float64] = R[0] * x + R[1] * y + R[2] * z
-    return turned_back
-
-
-def _prepare(
-    scan: Scan | CompactScan,
-    T_last_scan: Matrix,
-    down: NDArray[np.float64] | None,
-    config: PreprocessConfig,
-    R_base_sensor: NDArray[np.float64] | None,
-    ranking: AlignmentConfig,
-) -> tuple[PreparedScan, Surface | None] | None:
-    """The scan, and a part of its points to align with many candidates; None: it has no more than these."""
-    described = scan.described if isinstance(scan, CompactScan) else None
+def _asked(scan: Scan | CompactScan, T_last_scan: Matrix) -> tuple[Any, ...]:
+    """A scan as the compiled core reads it."""
+    if isinstance(scan, Scan):
+        return T_last_scan, scan.points, scan.time_s, None, None
+    described, robots = scan.described, None
     if described is not None:
-        up = described.up
-    elif down is not None:
-        up = -down
-    else:  # expected
-        up = np.array([0.0, 0.0, 1.0]) if R_base_sensor is None else R_base_sensor[2]
-    is_known = described is not None or down is not None
-    limits = config.min_range_m, config.max_range_m, config.voxel_m, config.min_points
-    numbers = ranking.dense_points, ranking.sparse_points
-    if isinstance(scan, CompactScan):
-        made = prepare_compact_scan(
-            scan.points,
-            scan.time_s,
-            scan.nearest_m,
-            directions(),
-            *limits,
-            *numbers,
-            up=up,
-            up_is_known=is_known,
-            height_m=None if described is None else described.height_m,
-            default_height_m=config.default_height_m,
-        )
-    else:
-        made = prepare_scan(
-            scan.points,
-            scan.time_s,
-            *limits,
-            ranking.voxelled_points,
-            ranking.view_points,
-            *numbers,
-            up=up,
-            up_is_known=is_known,
-            default_height_m=config.default_height_m,
-        )
-    if made is None:
-        return None
-    R_level_sensor, height_m, seen, returned, least_m, viewed, dense, sparse = made
-    thinned = _surface(*dense)
-    returns = None if viewed is None else TimedPoints(*viewed)
-    if isinstance(scan, CompactScan) and thinned.time_s is not None:
-        returns = _timed_returns(scan, config)
-    prepared = PreparedScan(
-        T_last_scan,
-        R_level_sensor,
-        height_m,
-        seen,
-        described,
-        RangeView(returned.view(np.bool_), least_m),
-        thinned,
-        returns,
-    )
-    return prepared, None if sparse is None else _surface(*sparse)
-
-
-_Floats: TypeAlias = NDArray[np.float32]
-
-
-def _numbers(surface: Surface) -> tuple[_Floats, _Floats, NDArray[np.bool_], _Floats | None]:
-    return surface.points, surface.normals, surface.oriented, surface.time_s
+        grid, edges_m = described.descriptor.grid, np.asarray(described.descriptor.edges_m, np.float32)
+        form = grid.rings, grid.sectors, grid.max_range_m, edges_m
+        robots = (*form, described.occupancy, described.up, described.height_m)
+    return T_last_scan, scan.points, scan.time_s, scan.nearest_m, robots
 
 
 def _surface(
@@ -267,10 +171,3 @@ def _surface(
     time_s: NDArray[np.float32] | None,
 ) -> Surface:
     return Surface(points, normals, oriented.view(np.bool_), time_s)
-
-
-def _timed_returns(scan: CompactScan, config: PreprocessConfig) -> TimedPoints:
-    """The returns of a compact scan's range view within range, with their times."""
-    near = TimedPoints(scan.points, scan.time_s).within_range(config.min_range_m, config.max_range_m)
-    in_range = (scan.nearest_m > config.min_range_m) & (scan.nearest_m < config.max_range_m)
-    return timed_view(near, np.where(in_range, scan.nearest_m, np.float32(np.inf)))

@@ -8,15 +8,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from .. import native
 from ..answer.quality import AlignmentQuality
 from ..transform import Matrix
 from .index import FreeSpaceShares, MapIndex
 from .registration.align import Agreement, Registration
-from .registration.surface import Surface
 
 NOT_CHECKED = FreeSpaceShares(0.0, 0.0)
 NOT_MEASURED = Agreement(0.0, 0.0)
@@ -96,14 +92,6 @@ class RegisteredCandidate:
     def support(self) -> float:
         """Score by which candidates are ranked."""
         return self.index.config.ranking.support(self.quality)
-
-    def faced_information(self, scan: Surface) -> NDArray[np.float64]:
-        """(6, 6) information of the pose, of which its covariance is made.
-
-        Args:
-            scan: many points, as they were aligned.
-        """
-        return self.index.surface.faced_information(scan, self.registration)
 
     @property
     def is_better_outside(self) -> bool:

@@ -1,59 +1,69 @@
-"""The verdict: from ranked poses to an answer, or to the reason why there is none.
+"""The verdict: from the compiled decision to an answer, or to the reason why there is none.
 
-The decision is compiled: ``native/include/firstfix/query/verdict.hpp``.
+The decision is compiled: ``native/include/firstfix/query/verdict.hpp`` and ``answered.hpp``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
-from .. import native
+import numpy as np
+from numpy.typing import NDArray
+
+from ..answer.free_direction import FreeDirection, Motion
 from ..answer.localization import Hypothesis, Localization, Reason, Verdict
 from ..answer.options import LocalizeOptions
+from ..answer.quality import AlignmentQuality
 from ..errors import InvalidOption
-from ..transform import inverse
 from .index import MapIndex
-from .registered_candidate import RegisteredCandidate
-from .registration.covariance import free_directions, pose_covariance
-from .registration.surface import Surface
+
+_MOTION = Motion.TRANSLATION, Motion.ROTATION
 
 
-def judge(
-    ranked: Sequence[RegisteredCandidate], options: LocalizeOptions, scan: Surface | None = None
+def answer_of(
+    reason: str | None,
+    probability: float,
+    places: Sequence[tuple[Any, ...]],
+    placed: tuple[Any, ...] | None,
+    map_ids: Sequence[str],
+    twist: NDArray[np.float64] | None,
 ) -> Localization:
-    """Answer of one map or several, each candidate judged by the calibration of its own map.
+    """Answer of one map or several.
 
     Args:
-        ranked: distinct, best first.
-        scan: many points of the query, as the best one was aligned; None: its information is that of its
-            covariance.
+        reason: code of the reason why there is no pose; None: there is one.
+        places: best first, like ``placed`` as ``native.answered`` gives them.
+        placed: what is known of the pose.
+        map_ids: of the searches.
+        twist: (6,) of the caller; None: not known.
     """
-    if not ranked:
-        return Localization(Verdict.REJECTED, (Reason.NO_CANDIDATE,))
-    best, mounting = ranked[0], options.T_base_sensor
-    code, probability, shares = _decided(ranked, threshold_of(best.index, options))
-    hypotheses = tuple(
-        Hypothesis(candidate.T_map_sensor, candidate.quality, share, candidate.template, candidate.map_id)
-        for candidate, share in zip(ranked, shares, strict=True)
-    )
-    if code is not None:
-        reason = Reason(code)
-        verdict = Verdict.AMBIGUOUS if reason is Reason.SEVERAL_PLACES else Verdict.REJECTED
-        return Localization(verdict, (reason,), probability=probability, hypotheses=hypotheses)
-    config, T_map_level = best.index.config.registration, best.index.T_map_level
-    information = best.registration.information if scan is None else best.faced_information(scan)
-    covariance = pose_covariance(information, T_map_level, config)
+    found = []
+    for search, template, T_map_sensor, fit, share in places:
+        quality = AlignmentQuality(*fit)
+        found.append(Hypothesis(T_map_sensor, quality, share, template, map_ids[search]))
+    hypotheses = tuple(found)
+    if placed is None:
+        why = Reason(reason)
+        verdict = Verdict.AMBIGUOUS if why is Reason.SEVERAL_PLACES else Verdict.REJECTED
+        return Localization(verdict, (why,), probability=probability, hypotheses=hypotheses)
+    T_map_base, covariance, free, solved = placed
     return Localization(
         Verdict.LOCALIZED,
-        T_map_sensor=best.T_map_sensor,
-        T_map_base=None if mounting is None else native.pose_product(best.T_map_sensor, inverse(mounting)),
+        T_map_sensor=hypotheses[0].T_map_sensor,
+        T_map_base=T_map_base,
         covariance=covariance,
         probability=probability,
         hypotheses=hypotheses,
-        map_id=best.map_id,
-        twist=best.registration.twist if options.twist is None else options.twist,
-        degenerate=free_directions(covariance),
+        map_id=hypotheses[0].map_id,
+        twist=solved if twist is None else twist,
+        degenerate=tuple(map(_free_direction, free)),
     )
+
+
+def _free_direction(axis: tuple[bool, NDArray[np.float64], float]) -> FreeDirection:
+    is_turn, direction, sigma = axis
+    return FreeDirection(Motion.ROTATION if is_turn else Motion.TRANSLATION, direction, sigma)
 
 
 def threshold_of(index: MapIndex, options: LocalizeOptions, map_id: str = "") -> float | None:
@@ -67,29 +77,3 @@ def threshold_of(index: MapIndex, options: LocalizeOptions, map_id: str = "") ->
     if options.min_probability is not None:
         raise InvalidOption("min_probability and max_false_accept both set the threshold: give one")
     return index.false_accept_bound.min_probability(options.max_false_accept, map_id)
-
-
-def _decided(
-    ranked: Sequence[RegisteredCandidate], threshold: float | None
-) -> tuple[str | None, float, list[float]]:
-    """Code of the reason why the best one is not the answer, its probability, and the share of each.
-
-    Args:
-        threshold: that the caller asks for; None: the map's own.
-    """
-    maps = {one.map_id: (one.index.config.ranking, one.index.calibration) for one in ranked}
-    number = {map_id: n for n, map_id in enumerate(maps)}
-    asked = [
-        (
-            number[one.map_id],
-            one.quality,
-            one.support,
-            one.spots,
-            one.is_alike,
-            one.outside_lead,
-            one.registration.rests,
-            one.registration.is_in_motion,
-        )
-        for one in ranked
-    ]
-    return native.decided(list(maps.values()), asked, threshold)

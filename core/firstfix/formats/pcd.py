@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -35,10 +36,6 @@ class _Field:
     dtype: np.dtype[np.generic]
     count: int
 
-    @property
-    def bytes(self) -> int:
-        return self.dtype.itemsize * self.count
-
 
 @dataclass(frozen=True)
 class _Column:
@@ -54,9 +51,9 @@ class _Header:
     encoding: str
     body_start: int
 
-    @property
+    @cached_property
     def record_bytes(self) -> int:
-        return sum(field.bytes for field in self.fields)
+        return sum([field.dtype.itemsize * field.count for field in self.fields])
 
     @property
     def numbers(self) -> int:
@@ -70,7 +67,7 @@ class _Header:
             if field.count == 1 and field.name != "_" and field.name not in columns:
                 columns[field.name] = _Column(field.dtype, number, offset)
             number += field.count
-            offset += field.bytes
+            offset += field.dtype.itemsize * field.count
         return columns
 
 
@@ -162,10 +159,9 @@ def _parse_fields(entries: dict[str, list[str]]) -> tuple[_Field, ...]:
 
 
 def _parse_points(entries: dict[str, list[str]]) -> int:
-    width, height, points = (
-        _integers(entries, key, 1, default)[0]
-        for key, default in (("WIDTH", "0"), ("HEIGHT", "1"), ("POINTS", "-1"))
-    )
+    (width,) = _integers(entries, "WIDTH", 1, "0")
+    (height,) = _integers(entries, "HEIGHT", 1, "1")
+    (points,) = _integers(entries, "POINTS", 1, "-1")
     if points < 0:
         if "WIDTH" not in entries:
             raise MalformedData("PCD: neither POINTS nor WIDTH gives the number of points")
@@ -180,10 +176,11 @@ def _integers(entries: dict[str, list[str]], key: str, length: int, default: str
     words = entries.get(key, [default] * length)
     if len(words) != length:
         raise MalformedData(f"PCD: {key} has {len(words)} values, not {length}")
-    # Only few digits: int() takes quadratic time for a long number.
-    if not all((word.isascii() and word.isdigit() and len(word) <= 18) or word == default for word in words):
-        raise MalformedData(f"PCD: {key} must consist of whole numbers")
-    return [int(word) for word in words]
+    for word in words:
+        # Only few digits: int() takes quadratic time for a long number.
+        if not (word.isascii() and word.isdigit() and len(word) <= 18) and word != default:
+            raise MalformedData(f"PCD: {key} must consist of whole numbers")
+    return list(map(int, words))
 
 
 def _ascii_columns(header: _Header, body: Body, limits: Limits) -> dict[str, Column]:

@@ -98,12 +98,19 @@ def axes_of(format_name: str, names: Iterable[str]) -> dict[str, str]:
         MalformedData: one of them is missing; the error names the fields that are there.
     """
     there = list(names)
-    found = {axis: next((name for name in (axis, axis.upper()) if name in there), None) for axis in "xyz"}
-    missing = [axis for axis, name in found.items() if name is None]
+    found: dict[str, str] = {}
+    missing = []
+    for axis in "xyz":
+        if axis in there:
+            found[axis] = axis
+        elif axis.upper() in there:
+            found[axis] = axis.upper()
+        else:
+            missing.append(axis)
     if missing:
         shown = ", ".join(name[:40] for name in there[:_SHOWN]) or "none"
         raise MalformedData(f"{format_name}: no field {', '.join(missing)}; its fields: {shown}")
-    return {axis: name for axis, name in found.items() if name is not None}
+    return found
 
 
 def with_axes(format_name: str, columns: Mapping[str, Column]) -> dict[str, Column]:

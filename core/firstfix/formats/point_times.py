@@ -106,7 +106,7 @@ def _candidates(columns: Mapping[str, Column]) -> Iterator[tuple[str, Column]]:
     by_name: dict[str, str] = {}
     for name, column in columns.items():
         if column.dtype.kind in "iuf":
-            by_name.setdefault(_plain(name), name)
+            by_name.setdefault(name.lower().removeprefix(_CLOUD_COMPARE), name)
     if _SECONDS in by_name and _NANOSECONDS in by_name:
         first, second = by_name.pop(_SECONDS), by_name.pop(_NANOSECONDS)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -114,7 +114,7 @@ def _candidates(columns: Mapping[str, Column]) -> Iterator[tuple[str, Column]]:
         yield f"{first}+{second}", whole
     in_picture = {"t"} if "s" in by_name else set()  # s and t together are places in a picture
     known = [name for name in TIME_NAMES if name in by_name and name not in in_picture]
-    others = [name for name in by_name if name not in TIME_NAMES and is_time_name(name)]
+    others = [name for name in by_name if name not in TIME_NAMES and ("time" in name or "stamp" in name)]
     for name in (*known, *others):
         yield by_name[name], columns[by_name[name]]
 

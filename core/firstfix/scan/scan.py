@@ -184,5 +184,8 @@ def _one_each(name: str, values: ArrayLike | None, count: int) -> NDArray[Any] |
 
 def _of_one_type(*columns: NDArray[Any]) -> list[NDArray[np.floating]]:
     """The columns: as float32 where all are, otherwise as float64."""
-    single = all(column.dtype == np.float32 for column in columns)
-    return [np.asarray(column, np.float32 if single else np.float64) for column in columns]
+    dtype: type[np.floating] = np.float32
+    for column in columns:
+        if column.dtype != np.float32:
+            dtype = np.float64
+    return [np.asarray(column, dtype) for column in columns]

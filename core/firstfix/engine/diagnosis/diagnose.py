@@ -75,7 +75,7 @@ class AskedQuery:
         """Facts of the last scan."""
         known = None
         if self.prepared is not None and self.is_single and isinstance(self.scan, Scan):
-            known = len(self.prepared.scans[-1].seen)
+            known = self.prepared.in_range
         return facts_of(self.scan, self.part, self.dropped, self.config, known)
 
 
@@ -129,10 +129,11 @@ def _wrong_frame(answer: Localization, query: AskedQuery, facts: ScanFacts) -> F
     """
     if query.prepared is None or not query.is_single or not isinstance(query.scan, Scan):
         return None
-    points, T_map_sensor = query.prepared.scans[-1].seen, answer.T_map_sensor
+    T_map_sensor = answer.T_map_sensor
     at_origin = T_map_sensor is not None and is_map_origin(T_map_sensor)
     if T_map_sensor is not None and not at_origin and not is_suspect(query.part):
         return None
+    points = query.prepared.scans[-1].seen
     if (at_origin or T_map_sensor is None) and is_even(points):
         return scan_kinds.NO_VIEWPOINT.found({"in_range": facts.in_range})
     best = best_viewpoint(points)

@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from ...native import nearest_by_direction
+from ...native import is_spread_elsewhere, nearest_by_direction
 from ...scan.reduction import COLUMNS, ROWS, at_most, cells_of
 from ...transform import Matrix
 
@@ -77,12 +77,7 @@ def is_suspect(part: NDArray[np.float32]) -> bool:
 
     It is a quick probe, for every scan.
     """
-    enough = SUSPECT * _directions(part, np.zeros(3, np.float32))
-    middle = _middle(part)
-    if _directions(part, middle) > enough:
-        return True
-    level_m = max(float(np.hypot(middle[0], middle[1])), 1e-3)
-    return _directions(part, middle * (PROBE_M / level_m, PROBE_M / level_m, 0)) > enough
+    return is_spread_elsewhere(part, SUSPECT, PROBE_M)
 
 
 def best_viewpoint(points: NDArray[np.float32]) -> Viewpoint:

@@ -18,7 +18,7 @@ from ...scan.reduction import at_most
 from ...scan.scan import Scan
 from ...scan.sequence import AnyScan, ScanSequence
 from ..config import DescriptorConfig, PreprocessConfig
-from ..preprocess import PreparedScan, deskewed, preprocess
+from ..preprocess import PreparedScan, preprocess
 
 # A template is seldom nearer than 0.2 m, and by then half of the filled cells are others. The scan is
 # therefore also described from spots around: of 16 office floors, the right one came first for 23 of 24
@@ -56,10 +56,11 @@ def describe_sought(
     sequence = ScanSequence.single(scan) if isinstance(scan, (Scan, CompactScan)) else scan
     mounting = options.T_base_sensor
     prepared = preprocess(
-        deskewed(sequence, options.twist),
+        sequence,
         options.gravity,
         PreprocessConfig(),
         None if mounting is None else mounting[:3, :3],
+        twist=options.twist,
     )
     if prepared is None:
         return SoughtScan({})

@@ -224,16 +224,6 @@ class MapSurface:
             )
         return self._align(self.fine, scan, T_level_sensor, iterations, reach_m, half_angle)
 
-    def faced_information(self, scan: Surface, registration: Registration) -> NDArray[np.float64]:
-        """Information (6, 6) of an aligned pose that comes from surfaces which face what they tell of.
-
-        Args:
-            scan: as it was aligned, not deskewed.
-        """
-        still, reach_m = scan.deskewed(registration.twist), self.config.fine_distance_m
-        T_level_sensor, information = registration.T_level_sensor, registration.information
-        return native.faced_information(self.fine.tables, still.points, T_level_sensor, information, reach_m)
-
     def agreements(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Agreement]:
         """Agreement of the scan with the map at each of (k, 4, 4) poses."""
         found = native.agreement(

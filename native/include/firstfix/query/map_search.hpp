@@ -49,6 +49,10 @@ class MapSearch {
   // Support by which a known alias outside the prior is better than the best pose; 0: none is.
   double outside_lead() const { return outside_lead_; }
 
+  const SearchedMap& map() const { return map_; }
+  const SearchedQuery& query() const { return query_; }
+  const SearchOptions& options() const { return options_; }
+
   // Steps that were taken, in order.
   const std::vector<Step>& taken() const { return taken_; }
 

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <optional>
 
+#include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/query/calibration.hpp"
 #include "firstfix/query/effort.hpp"
 #include "firstfix/query/ranking.hpp"
@@ -47,6 +48,7 @@ struct TemplatePlaces {
 };
 
 struct SearchedMap {
+  PoseMatrix T_map_level;  // from the level frame, in which it is searched, to the map's own
   SurfaceGrid fine, coarse;
   PointTiles near, far;
   std::optional<SeenFree> seen_free;

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <optional>
+#include <string>
 #include <vector>
 
 #include "firstfix/query/calibration.hpp"
@@ -50,6 +52,20 @@ enum class Why {
   kNotConverged,
   kSeveralPlaces,  // the verdict is then "ambiguous", and "rejected" for those above
 };
+
+// The code of firstfix.answer.localization.Reason; nothing: localized.
+inline std::optional<std::string> code_of(Why why) {
+  switch (why) {
+    case Why::kLocalized: return std::nullopt;
+    case Why::kNoCandidate: return "no_candidate";
+    case Why::kLowInlierRatio: return "low_inlier_ratio";
+    case Why::kFreeSpaceViolation: return "free_space_violation";
+    case Why::kLowProbability: return "low_probability";
+    case Why::kNotConverged: return "not_converged";
+    case Why::kSeveralPlaces: return "several_places";
+  }
+  return std::nullopt;
+}
 
 // shares: probability of each pose.
 struct Decision {

@@ -12,7 +12,7 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.scan_facts import ScanFacts
 from firstfix.answer.time_findings import no_times_finding, time_field_finding, with_time_field
 from firstfix.engine.config import PreprocessConfig
-from firstfix.engine.diagnosis.facts import MEASURED, eigenvalue_bounds, facts_of, is_on_a_line
+from firstfix.engine.diagnosis.facts import MEASURED, facts_of, is_on_a_line
 from firstfix.engine.diagnosis.input_findings import input_finding
 from firstfix.engine.diagnosis.other_forms import MAX_SCALE, MIN_SCALE, from_polar, scales
 from firstfix.errors import InvalidOption, InvalidScan
@@ -123,16 +123,6 @@ def test_scales_begin_with_that_of_the_height():
     assert next(scales(3.28, 1.0)) == (0.3048, "feet")
     tried = [factor for factor, _ in scales(None, 1.0)]
     assert len(tried) == len(set(tried))
-
-
-def test_eigenvalues_are_those_of_numpy():
-    for _ in range(200):
-        part = RNG.normal(size=(3, 4)) * RNG.uniform(0.01, 10, (3, 1))
-        matrix = part @ part.T
-        expected = np.linalg.eigvalsh(matrix)
-        np.testing.assert_allclose(
-            eigenvalue_bounds(matrix.tolist()), expected[[0, 2]], atol=1e-6 * expected[2]
-        )
 
 
 def test_every_kind_of_finding_is_complete():

@@ -9,10 +9,11 @@ from scipy.spatial.transform import Rotation
 from firstfix.answer.free_direction import Motion
 from firstfix.engine.config import RegistrationConfig
 from firstfix.engine.registration.align import MapSurface
-from firstfix.engine.registration.covariance import free_directions, pose_covariance
 from firstfix.engine.registration.surface import Surface
 from firstfix.transform import make_transform, rotation_z
 from tests.reference.facing import faced_information, principal_axes, told
+from tests.reference.verdict_in_steps import faced_information as faced_at
+from tests.reference.verdict_in_steps import free_directions, pose_covariance
 
 CONFIG = RegistrationConfig(map_voxel_m=0.1, coarse_voxel_m=0.5, fine_distance_m=0.4, inlier_distance_m=0.13)
 TURNED = make_transform(Rotation.from_euler("zyx", [0.7, 0.1, -0.2]).as_matrix(), [100, -50, 3])
@@ -154,7 +155,7 @@ def test_a_covariance_covers_the_errors_of_aligned_scans(world, centre, free):
         start = T.copy()
         start[:3, 3] = T[:3, 3] + rng.uniform(-1, 1, 3) * [0.4, 0.1, 0.05]
         (found,) = surface.align_fine(scan, start[None])
-        covariance = pose_covariance(surface.faced_information(scan, found), np.eye(4), CONFIG)
+        covariance = pose_covariance(faced_at(surface, scan, found), np.eye(4), CONFIG)
         assert [one.motion for one in free_directions(covariance)] == [Motion.TRANSLATION] * free
         off = found.T_level_sensor[:3, 3] - T[:3, 3]
         turn = Rotation.from_matrix(found.T_level_sensor[:3, :3] @ T[:3, :3].T).as_rotvec()
