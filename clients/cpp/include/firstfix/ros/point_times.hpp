@@ -3,7 +3,6 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -21,6 +20,7 @@
 
 #include "firstfix/bit_exact/sample.hpp"
 #include "firstfix/ros/columns.hpp"
+#include "firstfix/ros/time_names.hpp"
 #include "firstfix/scan/scan.hpp"
 #include "firstfix/scan/time_field.hpp"
 
@@ -34,61 +34,8 @@ struct PointTimes {
 
 namespace detail {
 
-constexpr std::array<const char*, 11> kTimeNames = {"t", "offset_time", "time", "timestamp", "time_stamp", "time_offset",
-                                                    "ts", "gps_time", "gpstime", "offset", "stamp"};
-constexpr std::size_t kSampled = 1000;
-constexpr double kLongestTurnS = 0.25, kShortestTurnS = 0.02;
-constexpr double kLongestS = 2 * kMaxAbsTime;
-constexpr double kEpochS = 1e8;
-
-inline std::string lower(std::string text) {
-  for (char& c : text) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-  return text;
-}
-
-inline bool ends_with(const std::string& text, const std::string& ending) {
-  return text.size() >= ending.size() && text.compare(text.size() - ending.size(), ending.size(), ending) == 0;
-}
-
-inline std::string plain_name(const std::string& name) {
-  constexpr const char* kCloudCompare = "scalar_";  // before the names of all fields that it does not know
-  const std::string plain = lower(name);
-  return plain.rfind(kCloudCompare, 0) == 0 ? plain.substr(7) : plain;
-}
-
-inline bool is_time_name(const std::string& name) {
-  const std::string plain = plain_name(name);
-  return std::find(kTimeNames.begin(), kTimeNames.end(), plain) != kTimeNames.end() || plain.find("time") != plain.npos ||
-         plain.find("stamp") != plain.npos;
-}
-
-struct Unit {
-  const char* name;
-  double seconds, least_s, most_s;  // in which a scan's times span so much
-};
-
-// Seconds and nanoseconds are what drivers write: short parts of a turn, and joined turns, are taken too.
-constexpr Unit kUnits[] = {{"s", 1.0, 1e-4, kLongestS},
-                           {"ms", 1e-3, kShortestTurnS, kLongestTurnS},
-                           {"us", 1e-6, kShortestTurnS, kLongestTurnS},
-                           {"ns", 1e-9, 1e-3, kLongestS}};
-
-// The unit that ends a name, as of time_offset_ns.
-inline const Unit* unit_in_name(std::string plain) {
-  if (ends_with(plain, "\n")) plain.pop_back();
-  if (ends_with(plain, ")")) plain.pop_back();
-  for (const char* seconds : {"seconds", "second", "sec", "s"}) {
-    if (!ends_with(plain, seconds)) continue;
-    const std::string before = plain.substr(0, plain.size() - std::string(seconds).size());
-    constexpr std::pair<const char*, int> kPrefixes[] = {{"", 0}, {"m", 1}, {"milli", 1}, {"u", 2}, {"micro", 2}, {"n", 3}, {"nano", 3}};
-    for (const auto& [prefix, unit] : kPrefixes) {
-      for (const char* parting : {"_", " ", "("}) {
-        if (ends_with(before, std::string(parting) + prefix)) return &kUnits[unit];
-      }
-    }
-  }
-  return nullptr;
-}
+constexpr std::size_t kSampled = 1000;  // points that are looked at for a unit which no driver writes by itself
+constexpr double kEpochS = 1e8;         // later than this, a time counts from the epoch
 
 // As Python's format of this precision and form.
 inline std::string digits_of(double number, int precision, bool is_fixed = false) {
