@@ -78,14 +78,14 @@ class QueryGate:
         """Number of queries that wait or run. Thread-safe."""
         return self._queue.size
 
-    def check_room(self, asked: Asked) -> None:
+    def check_room(self, asker: Asker) -> None:
         """Check that there is room for one more query now. ``run`` takes the room.
 
         Raises:
             Overloaded: the pool is full, or the service stops.
         """
         if self._closed or self._queue.size >= self._limit:
-            self._replaced_by(asked.asker)
+            self._replaced_by(asker)
 
     async def run(
         self,

@@ -44,7 +44,7 @@ class LocalizeUseCase:
         Raises:
             Overloaded: as ``QueryGate.check_room``.
         """
-        self._gate.check_room(asked)
+        self._gate.check_room(asked.asker)
 
     async def localize(
         self, query: Query, body: Body, check: Callable[[], Awaitable[None]] | None = None
