@@ -3,16 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <limits>
+#include <optional>
 #include <utility>
 #include <variant>
 #include <vector>
 
 #include "firstfix/bit_exact/vectors.hpp"
-#include "firstfix/query/level_hypotheses.hpp"
-#include "firstfix/scan/deskew.hpp"
-#include "firstfix/scan/timed_view.hpp"
-#include "firstfix/verification/free_space.hpp"
+#include "firstfix/query/prepared_query.hpp"
 #include "poses.hpp"
 
 namespace firstfix::version {
@@ -24,15 +21,6 @@ Vector6 motion_of(const Twist& twist) {
     motion[k] = twist.linear[k], motion[3 + k] = twist.angular[k];
   }
   return motion;
-}
-
-// Up in the sensor frame: the opposite of gravity, or where it is expected.
-Levelling levelling_of(const PlacesOptions& options, double default_height_m) {
-  if (options.gravity) {
-    const detail::Vector3& down = *options.gravity;
-    return {{-down[0], -down[1], -down[2]}, true, std::nullopt, default_height_m};
-  }
-  return {up_by_mounting(options.T_base_sensor), false, std::nullopt, default_height_m};
 }
 
 bool has_times(const AskedScan& scan) { return scan.whole != nullptr ? scan.whole->time_s.has_value() : scan.compact->time_s.has_value(); }
@@ -64,70 +52,29 @@ void check(const CompactScan& scan) {
           "up or the height of the descriptor is out of range");
 }
 
-// Whether a robot describes scans as a map does, with lengths as float32, as sent.
-bool agrees(const ScanDescriptor& described, const LayeredGrid& grid) {
-  const LayeredOccupancy& own = described.descriptor;
-  if (own.rings != grid.rings || own.sectors != grid.sectors || own.layer_edges_m.size() != grid.edges_m.size()) return false;
-  bool is_same = !(static_cast<float>(own.max_range_m) < grid.end_m || static_cast<float>(own.max_range_m) > grid.end_m);
-  for (std::size_t i = 0; i < grid.edges_m.size(); ++i) {
-    const auto edge_m = static_cast<float>(own.layer_edges_m[i]);
-    is_same = is_same && !(edge_m < grid.edges_m[i] || edge_m > grid.edges_m[i]);
-  }
-  return is_same;
-}
-
-std::optional<PreparedScan> prepared_whole(const Scan& scan, bool is_in_time, const PlacesOptions& options,
-                                           const EngineNumbers& numbers, const std::optional<Vector6>& motion) {
-  if (scan.points.size() > kMaxPoints) throw Error("too_large", "the scan has over 2,000,000 points");
-  const Scan usable = cleaned(scan);
+// usable: of the scan, to which the result refers.
+firstfix::AskedScan checked_whole(const Scan& usable, const PoseMatrix& T_last_scan) {
   const std::size_t count = usable.points.size();
-  const float* points = numbers_of(usable.points);
   const float* time_s = usable.time_s ? usable.time_s->data() : nullptr;
   check_times(time_s, count);
-  if (!is_in_time) time_s = nullptr;
-  std::vector<float> at_stamp;
-  if (motion) {
-    at_stamp.resize(3 * count);
-    deskew({points, count}, time_s, *motion, at_stamp.data());
-    points = at_stamp.data(), time_s = nullptr;
-  }
-  return prepared_scan(points, time_s, count, numbers.preparation, levelling_of(options, numbers.default_height_m));
+  return {T_last_scan, {numbers_of(usable.points), count}, time_s, nullptr, std::nullopt};
 }
 
-// As firstfix.engine.preprocess does it.
-std::optional<PreparedScan> prepared_compact(const CompactScan& scan, bool is_in_time, const PlacesOptions& options,
-                                             const EngineNumbers& numbers, const std::optional<Vector6>& motion) {
+RobotDescription description_of(const ScanDescriptor& given) {
+  const LayeredOccupancy& own = given.descriptor;
+  std::vector<float> edges_m;
+  for (const double edge_m : own.layer_edges_m) edges_m.push_back(static_cast<float>(edge_m));
+  return {LayeredGrid::of(own.rings, own.sectors, own.max_range_m, std::move(edges_m)), given.occupancy, given.up, given.height_m};
+}
+
+firstfix::AskedScan checked_compact(const CompactScan& scan, const PoseMatrix& T_last_scan) {
   check(scan);
   const std::size_t count = scan.points.size();
-  const float* points = numbers_of(scan.points);
   const float* time_s = scan.time_s ? scan.time_s->data() : nullptr;
   check_times(time_s, count);
-  if (!is_in_time) time_s = nullptr;
-  const float* directions = detail::view_directions().data();
-  std::vector<float> at_stamp, nearest_m = scan.nearest_m;
-  if (motion) {
-    const PointsInTime returns = timed_view(points, time_s, count, nearest_m.data(), directions);
-    std::vector<float> moved(returns.points.size());
-    deskew({returns.points.data(), returns.size()}, returns.times(), *motion, moved.data());
-    nearest_m.assign(kDirections, std::numeric_limits<float>::infinity());
-    nearest_by_direction(moved.data(), returns.size(), nearest_m.data());
-    at_stamp.resize(3 * count);
-    deskew({points, count}, time_s, *motion, at_stamp.data());
-    points = at_stamp.data(), time_s = nullptr;
-  }
-  Levelling levelling = levelling_of(options, numbers.default_height_m);
-  if (scan.described) levelling = {scan.described->up, true, scan.described->height_m, numbers.default_height_m};
-  const Preparation& wanted = numbers.preparation;
-  auto made = prepared_compact_scan(points, time_s, count, nearest_m.data(), directions, wanted, levelling);
-  if (made && made->dense.at.times() != nullptr) {
-    const auto least = static_cast<float>(wanted.min_range_m), most = static_cast<float>(wanted.max_range_m);
-    for (float& range_m : nearest_m) {
-      if (!(range_m > least && range_m < most)) range_m = std::numeric_limits<float>::infinity();
-    }
-    const PointsInTime near = PointsInTime::within_range(points, time_s, count, wanted.min_range_m, wanted.max_range_m);
-    made->viewed = timed_view(near.points.data(), near.times(), near.size(), nearest_m.data(), directions);
-  }
-  return made;
+  std::optional<RobotDescription> described;
+  if (scan.described) described = description_of(*scan.described);
+  return {T_last_scan, {numbers_of(scan.points), count}, time_s, scan.nearest_m.data(), std::move(described)};
 }
 
 }  // namespace
@@ -169,17 +116,23 @@ AskedScans asked(const ScanSequence& sequence) {
 std::vector<PlacedScan> prepared(const AskedScans& scans, const PlacesOptions& options, const EngineNumbers& numbers,
                                  const std::optional<Twist>& twist) {
   if (twist && !has_times(scans.back())) throw Error("invalid_option", "a twist needs the times of the scan's points");
+  SensorState sensor{options.gravity, up_by_mounting(options.T_base_sensor), std::nullopt};
+  if (twist) sensor.twist = motion_of(*twist);
+  const QueryNumbers wanted{numbers.preparation, numbers.default_height_m, numbers.spots_apart_m};
   std::vector<PlacedScan> made;
   for (const AskedScan& one : scans) {
-    // The motion that is solved, or known, is the last scan's.
-    const bool is_last = &one == &scans.back();
-    const std::optional<Vector6> motion = is_last && twist ? std::optional(motion_of(*twist)) : std::nullopt;
-    PlacesOptions own = options;
-    if (options.gravity) own.gravity = detail::in_scan(one.T_last_scan, *options.gravity);
-    auto done = one.whole != nullptr ? prepared_whole(*one.whole, is_last, own, numbers, motion)
-                                     : prepared_compact(*one.compact, is_last, own, numbers, motion);
+    Scan usable;
+    firstfix::AskedScan asked{one.T_last_scan, {nullptr, 0}, nullptr, nullptr, std::nullopt};
+    if (one.whole != nullptr) {
+      if (one.whole->points.size() > kMaxPoints) throw Error("too_large", "the scan has over 2,000,000 points");
+      usable = cleaned(*one.whole);
+      asked = checked_whole(usable, one.T_last_scan);
+    } else {
+      asked = checked_compact(*one.compact, one.T_last_scan);
+    }
+    auto done = detail::prepared(asked, &one == &scans.back(), sensor, wanted);
     if (!done) continue;
-    const bool is_described = one.compact != nullptr && one.compact->described && agrees(*one.compact->described, numbers.grid);
+    const bool is_described = asked.described && asked.described->agrees_with(numbers.grid);
     made.push_back({one.T_last_scan, std::move(*done), is_described ? &*one.compact->described : nullptr});
   }
   return made;
