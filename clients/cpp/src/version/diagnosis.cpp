@@ -82,9 +82,9 @@ std::optional<Finding> by_other_forms(const Localization& answer, const AskedQue
       continue;
     }
     MapQuery asked_again(query.map, std::move(prepared), form.options, query.deadline);
-    asked_again.search().look();
+    const bool is_looked_for = asked_again.search().look(sent_ratio + kBetter / 2);
     longest_s = std::max(longest_s, seconds_since(began));
-    if (!asked_again.search().is_settled()) continue;
+    if (!is_looked_for || !asked_again.search().is_settled()) continue;
     const RegisteredPose& best = asked_again.search().found().front();
     if (best.fit.inlier_ratio > sent_ratio + kBetter) {
       return form.finding(in_map(query, best), {{"inlier_ratio", best.fit.inlier_ratio}, {"inlier_ratio_as_sent", sent_ratio}});

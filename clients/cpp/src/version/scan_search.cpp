@@ -46,9 +46,11 @@ ScanSearch::ScanSearch(const TemplateTables& templates, const SearchedMap& map, 
               {region_of(options.prior, templates.numbers.T_map_level), options.gravity, up_by_mounting(options.T_base_sensor),
                options.max_places, asked, deadline}) {}
 
-void ScanSearch::look() {
+bool ScanSearch::look(double inlier_ratio) {
   StageTimes times;
+  if (!search_.may_fit(inlier_ratio, times)) return false;
   search_.take(Step::narrow, times);
+  return true;
 }
 
 void search_all(const std::vector<ScanSearch*>& searches) {

@@ -20,8 +20,8 @@ class ScanSearch {
   ScanSearch(const ScanSearch&) = delete;
   ScanSearch& operator=(const ScanSearch&) = delete;
 
-  // The first step alone.
-  void look();
+  // Takes the first step alone, and returns true; false, if no more than a share of the scan lies on the map: no step is taken then.
+  bool look(double inlier_ratio);
 
   const RegisteredPoses& found() const { return search_.found(); }
   bool is_settled() const { return search_.is_settled(); }
