@@ -72,13 +72,7 @@ def same(found: list[tuple[str, list[str], list[float]]], answer: Localization) 
     wanted = lines_of(answer)
     if [line[:2] for line in found] != [line[:2] for line in wanted]:
         return False
-    return all(
-        # how thick a scan is over its breadth is rounded in another order: 1e-8 of a flat one is 0
-        np.allclose(a[2], b[2], rtol=1e-9, atol=1e-6, equal_nan=True)
-        if a[0] == "scan"
-        else np.array_equal(a[2], b[2], equal_nan=True)
-        for a, b in zip(found, wanted, strict=True)
-    )
+    return all(np.array_equal(a[2], b[2], equal_nan=True) for a, b in zip(found, wanted, strict=True))
 
 
 def written(scan: Scan, path: Path) -> Path:

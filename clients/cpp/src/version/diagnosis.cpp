@@ -26,7 +26,7 @@ const Scan* only_scan(const AskedQuery& query) {
   return query.prepared != nullptr && query.scans.size() == 1 ? query.scans.front().whole : nullptr;
 }
 
-const PreparedScan& prepared_scan_of(const AskedQuery& query) { return query.prepared->search().scans().back().prepared; }
+const PreparedQuery::KeptScan& prepared_scan_of(const AskedQuery& query) { return query.prepared->prepared().scans().back(); }
 
 PoseMatrix in_map(const AskedQuery& query, const RegisteredPose& pose) {
   return product(query.map.templates.numbers.T_map_level, pose.registration.T_level_sensor);
@@ -75,17 +75,18 @@ std::optional<Finding> by_other_forms(const Localization& answer, const AskedQue
     const auto began = Clock::now();
     if (!(std::chrono::duration<double>(began - start).count() + kSlower * longest_s <= most_s)) return std::nullopt;
     const Scan changed = form.scan();
-    const AskedScans again = asked(changed);
-    std::vector<PlacedScan> prepared = version::prepared(again, form.options, query.map);
-    if (prepared.empty()) {
+    auto prepared = version::prepared(sent(changed), form.options, query.map);
+    if (!prepared) {
       longest_s = std::max(longest_s, seconds_since(began));
       continue;
     }
-    MapQuery asked_again(query.map, std::move(prepared), form.options, query.deadline);
-    const bool is_looked_for = asked_again.search().look(sent_ratio + kBetter / 2);
+    MapQuery asked_again(query.map, std::move(*prepared), form.options, query.deadline);
+    MapSearch& search = asked_again.search();
+    StageTimes times;
+    if (search.may_fit(sent_ratio + kBetter / 2, times)) search.take(Step::narrow, times);
     longest_s = std::max(longest_s, seconds_since(began));
-    if (!is_looked_for || !asked_again.search().is_settled()) continue;
-    const RegisteredPose& best = asked_again.search().found().front();
+    if (!search.is_settled()) continue;
+    const RegisteredPose& best = search.found().front();
     if (best.fit.inlier_ratio > sent_ratio + kBetter) {
       return form.finding(in_map(query, best), {{"inlier_ratio", best.fit.inlier_ratio}, {"inlier_ratio_as_sent", sent_ratio}});
     }

@@ -2,17 +2,17 @@
 // firstfix.engine.diagnosis.diagnose.
 #pragma once
 
-#include "asked_scan.hpp"
 #include "firstfix/answer/documents.hpp"
 #include "firstfix/answer/options.hpp"
 #include "firstfix/query/effort.hpp"
 #include "opened_map.hpp"
+#include "sent_query.hpp"
 
 namespace firstfix::version {
 
 // A query as one map was asked.
 struct AskedQuery {
-  const AskedScans& scans;
+  const SentScans& scans;
   const LocalizeOptions& options;  // checked
   const OpenedMap& map;
   const MapQuery* prepared;  // null: too few points

@@ -86,7 +86,7 @@ std::optional<Finding> by_ranges(const ScanFacts& facts, const Dropped& dropped)
 
 }  // namespace
 
-LookedAt::LookedAt(const AskedScan& scan) {
+LookedAt::LookedAt(const SentScan& scan) {
   if (scan.whole != nullptr) {
     const Scan usable = cleaned(*scan.whole);
     const std::vector<Point>& all = scan.whole->points;

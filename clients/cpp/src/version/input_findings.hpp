@@ -5,11 +5,11 @@
 #include <optional>
 #include <vector>
 
-#include "asked_scan.hpp"
 #include "firstfix/answer/documents.hpp"
 #include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/query/prepared_scan.hpp"
 #include "firstfix/scan/dropped.hpp"
+#include "sent_query.hpp"
 
 namespace firstfix::version {
 
@@ -20,7 +20,7 @@ struct LookedAt {
   Dropped dropped;            // points that it does not have
   std::vector<float> part;    // (m, 3) a part of its points
 
-  explicit LookedAt(const AskedScan& scan);
+  explicit LookedAt(const SentScan& scan);
 };
 
 ScanFacts facts_of(const LookedAt& scan, const Preparation& limits);

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <limits>
+#include <utility>
 
 namespace firstfix::version {
 namespace {
@@ -28,6 +29,7 @@ SearchedMap OpenedMap::searched(const LocalizeOptions& options) const {
   std::optional<double> radius_m;
   if (options.prior && !options.max_false_accept) radius_m = options.prior->radius_m;
   SearchedMap map{};
+  map.T_map_level = n.T_map_level;
   map.fine = tables.fine, map.coarse = tables.coarse, map.near = tables.near, map.far = tables.far, map.seen_free = tables.seen_free;
   map.places = templates.places(), map.alias_table = tables.alias_table;
   map.reach_m = n.reach_m, map.spacing_m = n.spacing_m, map.compared = n.compared, map.effort = n.effort;
@@ -42,13 +44,15 @@ double OpenedMap::asked(const LocalizeOptions& options) const {
   return options.min_probability.value_or(std::numeric_limits<double>::quiet_NaN());
 }
 
-MapQuery::MapQuery(const OpenedMap& opened, std::vector<PlacedScan>&& scans, const LocalizeOptions& options, const Deadline& deadline)
+MapQuery::MapQuery(const OpenedMap& opened, PreparedQuery&& prepared, const LocalizeOptions& options, const Deadline& deadline)
     : opened_(opened),
-      asked_(opened.asked(options)),
       map_(opened.searched(options)),
-      search_(opened.templates, map_, std::move(scans), places_options(options), asked_, deadline) {}
+      prepared_(std::move(prepared)),
+      search_(map_, prepared_.searched(), prepared_.queried(&opened.templates.numbers.grid), opened.templates.describe(),
+              {region_of(options.prior, map_.T_map_level), prepared_.sensor().gravity, prepared_.sensor().up_by_mounting,
+               places_options(options).max_places, opened.asked(options), deadline}) {}
 
-std::vector<PlacedScan> prepared(const AskedScans& scans, const LocalizeOptions& options, const OpenedMap& map) {
+std::optional<PreparedQuery> prepared(const SentScans& scans, const LocalizeOptions& options, const OpenedMap& map) {
   return prepared(scans, places_options(options), map.templates.numbers, options.twist);
 }
 

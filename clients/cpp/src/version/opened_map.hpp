@@ -3,15 +3,14 @@
 
 #include <optional>
 #include <string>
-#include <utility>
-#include <vector>
 
-#include "asked_scan.hpp"
 #include "false_accept_bound.hpp"
 #include "firstfix/answer/options.hpp"
+#include "firstfix/query/map_search.hpp"
+#include "firstfix/query/prepared_query.hpp"
 #include "map_tables.hpp"
 #include "ranking_numbers.hpp"
-#include "scan_search.hpp"
+#include "sent_query.hpp"
 #include "template_tables.hpp"
 #include "version_folder.hpp"
 
@@ -39,25 +38,24 @@ struct OpenedMap {
 // What a query is in one map: its scans, prepared for it, and their search.
 class MapQuery {
  public:
-  // options: checked. opened, what the scans refer to: must outlive it.
-  MapQuery(const OpenedMap& opened, std::vector<PlacedScan>&& scans, const LocalizeOptions& options, const Deadline& deadline);
+  // options: checked. opened: must outlive it.
+  MapQuery(const OpenedMap& opened, PreparedQuery&& prepared, const LocalizeOptions& options, const Deadline& deadline);
   MapQuery(const MapQuery&) = delete;
   MapQuery& operator=(const MapQuery&) = delete;
 
   const OpenedMap& of() const { return opened_; }
-  const SearchedMap& map() const { return map_; }
-  double asked() const { return asked_; }
-  ScanSearch& search() { return search_; }
-  const ScanSearch& search() const { return search_; }
+  const PreparedQuery& prepared() const { return prepared_; }
+  MapSearch& search() { return search_; }
+  const MapSearch& search() const { return search_; }
 
  private:
   const OpenedMap& opened_;
-  double asked_;
   SearchedMap map_;
-  ScanSearch search_;
+  PreparedQuery prepared_;
+  MapSearch search_;  // refers to the two above
 };
 
-// The scans as a map needs them; none have enough points: empty.
-std::vector<PlacedScan> prepared(const AskedScans& scans, const LocalizeOptions& options, const OpenedMap& map);
+// The query of the scans as a map needs them; nothing if none has enough points.
+std::optional<PreparedQuery> prepared(const SentScans& scans, const LocalizeOptions& options, const OpenedMap& map);
 
 }  // namespace firstfix::version

@@ -9,12 +9,12 @@
 #include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/pose.hpp"
 #include "firstfix/query/motion_at_places.hpp"
+#include "firstfix/query/prepared_query.hpp"
 
 namespace firstfix::version {
 
-constexpr PoseMatrix kSameFrame{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
-
 using detail::inverse;
+using detail::kSameFrame;
 using detail::product;
 
 // Position and quaternion, with w >= 0, by Shepperd's method: as firstfix.transform.quaternion_of_rows.

@@ -1,8 +1,8 @@
 #include "firstfix/version/template_search.hpp"
 
-#include "asked_scan.hpp"
 #include "checked_options.hpp"
 #include "poses.hpp"
+#include "sent_query.hpp"
 #include "template_tables.hpp"
 #include "version_folder.hpp"
 
@@ -25,9 +25,9 @@ const std::string& TemplateSearch::version() const { return opened_->version; }
 std::vector<SimilarPlace> TemplateSearch::find(const Scan& scan, const PlacesOptions& asked) const {
   const PlacesOptions options = version::checked(asked);
   const version::EngineNumbers& numbers = opened_->templates.numbers;
-  const auto prepared = version::prepared(version::asked(scan), options, numbers);
-  if (prepared.empty()) return {};
-  const QueriedScan queried = version::queried(prepared.front());
+  const auto prepared = version::prepared(version::sent(scan), options, numbers);
+  if (!prepared) return {};
+  const QueriedScan queried = prepared->queried(&numbers.grid).front();
   const LevelledScan levelled{0, queried.measured.R_level_sensor, queried.height_m, true};
   const Wanted wanted{options.max_places.value_or(numbers.effort.candidates), numbers.effort.clusters};
   const version::TemplateTables& templates = opened_->templates;

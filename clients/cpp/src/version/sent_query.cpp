@@ -1,4 +1,4 @@
-#include "asked_scan.hpp"
+#include "sent_query.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "firstfix/bit_exact/vectors.hpp"
-#include "firstfix/query/prepared_query.hpp"
 #include "poses.hpp"
 
 namespace firstfix::version {
@@ -23,11 +22,10 @@ Vector6 motion_of(const Twist& twist) {
   return motion;
 }
 
-bool has_times(const AskedScan& scan) { return scan.whole != nullptr ? scan.whole->time_s.has_value() : scan.compact->time_s.has_value(); }
-
-void check_times(const float* time_s, std::size_t count) {
-  for (std::size_t i = 0; time_s != nullptr && i < count; ++i) {
-    if (!(std::fabs(static_cast<double>(time_s[i])) <= kMaxAbsTime)) throw Error("invalid_scan", "a time is over 1 s from the stamp, or not a number");
+void check_times(const std::optional<std::vector<float>>& time_s) {
+  const auto is_near = [](float one_s) { return std::fabs(static_cast<double>(one_s)) <= kMaxAbsTime; };
+  if (time_s && !std::all_of(time_s->begin(), time_s->end(), is_near)) {
+    throw Error("invalid_scan", "a time is over 1 s from the stamp, or not a number");
   }
 }
 
@@ -44,6 +42,7 @@ void check(const CompactScan& scan) {
   require(scan.nearest_m.size() == kDirections, "a compact scan must have 16,200 ranges");
   require(std::all_of(scan.nearest_m.begin(), scan.nearest_m.end(), [](float range) { return range >= 0; }), "a range is NaN or below 0");
   require(!scan.time_s || scan.time_s->size() == scan.points.size(), "the number of times is not the number of points");
+  check_times(scan.time_s);
   if (!scan.described) return;
   const ScanDescriptor& described = *scan.described;
   require(detail::usable(described.descriptor) && described.occupancy.size() == described.descriptor.bytes(),
@@ -52,13 +51,14 @@ void check(const CompactScan& scan) {
           "up or the height of the descriptor is out of range");
 }
 
-// usable: of the scan, to which the result refers.
-firstfix::AskedScan checked_whole(const Scan& usable, const PoseMatrix& T_last_scan) {
-  const std::size_t count = usable.points.size();
-  const float* time_s = usable.time_s ? usable.time_s->data() : nullptr;
-  check_times(time_s, count);
-  return {T_last_scan, {numbers_of(usable.points), count}, time_s, nullptr, std::nullopt};
+Scan checked(const Scan& scan) {
+  if (scan.points.size() > kMaxPoints) throw Error("too_large", "the scan has over 2,000,000 points");
+  Scan usable = cleaned(scan);
+  check_times(usable.time_s);
+  return usable;
 }
+
+const float* times_in(const std::optional<std::vector<float>>& time_s) { return time_s ? time_s->data() : nullptr; }
 
 RobotDescription description_of(const ScanDescriptor& given) {
   const LayeredOccupancy& own = given.descriptor;
@@ -67,45 +67,27 @@ RobotDescription description_of(const ScanDescriptor& given) {
   return {LayeredGrid::of(own.rings, own.sectors, own.max_range_m, std::move(edges_m)), given.occupancy, given.up, given.height_m};
 }
 
-firstfix::AskedScan checked_compact(const CompactScan& scan, const PoseMatrix& T_last_scan) {
-  check(scan);
-  const std::size_t count = scan.points.size();
-  const float* time_s = scan.time_s ? scan.time_s->data() : nullptr;
-  check_times(time_s, count);
-  std::optional<RobotDescription> described;
-  if (scan.described) described = description_of(*scan.described);
-  return {T_last_scan, {numbers_of(scan.points), count}, time_s, scan.nearest_m.data(), std::move(described)};
-}
-
-}  // namespace
-
 detail::Vector3 up_by_mounting(const std::optional<Pose>& T_base_sensor) {
   if (!T_base_sensor) return {0, 0, 1};
   const auto [x, y, z, w] = detail::normalised(*T_base_sensor).quaternion;
   return {2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)};
 }
 
-QueriedScan queried(const PlacedScan& scan) {
-  const PreparedScan& prepared = scan.prepared;
-  const ScannedSurface& dense = prepared.dense;
-  const ScanToLevel measured{scan.T_last_scan, prepared.R_level_sensor, {dense.at.points.data(), dense.normals.data(), dense.size()}};
-  const std::uint8_t* occupancy = scan.described != nullptr ? scan.described->occupancy.data() : nullptr;
-  return {measured, prepared.height_m, {prepared.seen.data(), prepared.seen.size() / 3}, occupancy};
-}
+}  // namespace
 
 std::optional<PriorRegion> region_of(const std::optional<Prior>& prior, const PoseMatrix& T_map_level) {
   if (!prior) return std::nullopt;
   return PriorRegion{T_map_level, prior->position, prior->radius_m, prior->yaw_deg, prior->yaw_range_deg};
 }
 
-AskedScans asked(const Scan& scan) { return {{&scan, nullptr, kSameFrame}}; }
+SentScans sent(const Scan& scan) { return {{&scan, nullptr, kSameFrame}}; }
 
-AskedScans asked(const CompactScan& scan) { return {{nullptr, &scan, kSameFrame}}; }
+SentScans sent(const CompactScan& scan) { return {{nullptr, &scan, kSameFrame}}; }
 
-AskedScans asked(const ScanSequence& sequence) {
+SentScans sent(const ScanSequence& sequence) {
   detail::check(sequence);
   const PoseMatrix T_last_odom = inverse(matrix_of(sequence.T_odom_sensor.back()));
-  AskedScans scans;
+  SentScans scans;
   for (std::size_t i = 0; i < sequence.scans.size(); ++i) {
     scans.push_back({std::get_if<Scan>(&sequence.scans[i]), std::get_if<CompactScan>(&sequence.scans[i]),
                      product(T_last_odom, matrix_of(sequence.T_odom_sensor[i]))});
@@ -113,29 +95,27 @@ AskedScans asked(const ScanSequence& sequence) {
   return scans;
 }
 
-std::vector<PlacedScan> prepared(const AskedScans& scans, const PlacesOptions& options, const EngineNumbers& numbers,
-                                 const std::optional<Twist>& twist) {
-  if (twist && !has_times(scans.back())) throw Error("invalid_option", "a twist needs the times of the scan's points");
+std::optional<PreparedQuery> prepared(const SentScans& scans, const PlacesOptions& options, const EngineNumbers& numbers,
+                                      const std::optional<Twist>& twist) {
   SensorState sensor{options.gravity, up_by_mounting(options.T_base_sensor), std::nullopt};
   if (twist) sensor.twist = motion_of(*twist);
-  const QueryNumbers wanted{numbers.preparation, numbers.default_height_m, numbers.spots_apart_m};
-  std::vector<PlacedScan> made;
-  for (const AskedScan& one : scans) {
-    Scan usable;
-    firstfix::AskedScan asked{one.T_last_scan, {nullptr, 0}, nullptr, nullptr, std::nullopt};
+  std::vector<Scan> usable;
+  usable.reserve(scans.size());  // what is asked refers to them
+  std::vector<AskedScan> asked;
+  for (const SentScan& one : scans) {
     if (one.whole != nullptr) {
-      if (one.whole->points.size() > kMaxPoints) throw Error("too_large", "the scan has over 2,000,000 points");
-      usable = cleaned(*one.whole);
-      asked = checked_whole(usable, one.T_last_scan);
+      const Scan& scan = usable.emplace_back(checked(*one.whole));
+      asked.push_back({one.T_last_scan, {numbers_of(scan.points), scan.points.size()}, times_in(scan.time_s), nullptr, std::nullopt});
     } else {
-      asked = checked_compact(*one.compact, one.T_last_scan);
+      const CompactScan& scan = *one.compact;
+      check(scan);
+      std::optional<RobotDescription> described;
+      if (scan.described) described = description_of(*scan.described);
+      asked.push_back({one.T_last_scan, {numbers_of(scan.points), scan.points.size()}, times_in(scan.time_s), scan.nearest_m.data(),
+                       std::move(described)});
     }
-    auto done = detail::prepared(asked, &one == &scans.back(), sensor, wanted);
-    if (!done) continue;
-    const bool is_described = asked.described && asked.described->agrees_with(numbers.grid);
-    made.push_back({one.T_last_scan, std::move(*done), is_described ? &*one.compact->described : nullptr});
   }
-  return made;
+  return PreparedQuery::of(asked, sensor, {numbers.preparation, numbers.default_height_m, numbers.spots_apart_m});
 }
 
 }  // namespace firstfix::version
