@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from firstfix.answer.options import LocalizeOptions
+from firstfix.decode import decode_query
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.errors import InvalidOption
+from firstfix.ros.media_types import POINT_CLOUD2
 from firstfix.scan.scan import Scan
 from firstfix.scan_file import read_scan_file
 from firstfix.wire.scan import decode_scan
@@ -29,6 +32,7 @@ from tests.cpp.printed_answers import (
     written,
 )
 from tests.needs import recorded
+from tests.ros_samples import cdr, cloud
 
 FORMS = {
     "as it is": lambda scan: scan,
@@ -125,6 +129,21 @@ def test_options_have_the_limits_and_messages_of_a_service(
 def test_a_twist_of_a_scan_without_times_is_refused(on_board: Build, folder: Path, scan_file: Path):
     done = on_board.run(PROGRAM, folder, scan_file, "twist=0,0,0,0,0,0")
     assert "invalid_option: a twist needs the times of the scan's points" in done.stderr
+
+
+def test_a_twist_of_a_scan_without_returns_is_answered_as_by_a_service(
+    on_board: Build, folder: Path, tmp_path: Path
+):
+    """Its points have times, though none of them is left."""
+    made = np.zeros(100, [("x", "f4"), ("y", "f4"), ("z", "f4"), ("t", "u4")])
+    made["x"], made["t"] = np.nan, np.linspace(0, 1e8, len(made))
+    path, twist = tmp_path / "scan.cdr", "0.3,0,0,0,0,0.2"
+    path.write_bytes(cdr(cloud(made)))
+    scan = decode_query(path.read_bytes(), POINT_CLOUD2)
+    answer = Localizer(MapIndex.load(folder)).localize(scan, LocalizeOptions.from_strings({"twist": twist}))
+    done = on_board.run(PROGRAM, folder, path, f"twist={twist}")
+    assert same(printed(done), answer)
+    assert done.stderr == findings_of(answer)
 
 
 def test_words_that_are_no_option_are_refused(on_board: Build, folder: Path, scan_file: Path):

@@ -58,7 +58,12 @@ Scan checked(const Scan& scan) {
   return usable;
 }
 
-const float* times_in(const std::optional<std::vector<float>>& time_s) { return time_s ? time_s->data() : nullptr; }
+// Null: they are not known. Those of no points are.
+const float* times_in(const std::optional<std::vector<float>>& time_s) {
+  static constexpr float kNone[1] = {};
+  if (!time_s) return nullptr;
+  return time_s->empty() ? kNone : time_s->data();
+}
 
 RobotDescription description_of(const ScanDescriptor& given) {
   const LayeredOccupancy& own = given.descriptor;
