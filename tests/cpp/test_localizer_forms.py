@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from firstfix.answer.options import LocalizeOptions
+from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.errors import InvalidScan
@@ -51,6 +52,11 @@ def ways(small_scans) -> dict[str, tuple[list[Scan], list[np.ndarray]]]:
         "noise": ([noise(scans[0]), noise(scans[1])], poses[:2]),
         "upside down": ([upside_down(scan) for scan in scans[:2]], [poses[0]] * 2),
     }
+
+
+def thinned(scan: Scan, points: int) -> Scan:
+    rows = rows_by_chance(len(scan), points)
+    return Scan(scan.points[rows], time_s=None if scan.time_s is None else scan.time_s[rows])
 
 
 @pytest.mark.parametrize("form", ["whole", "compact"])
@@ -99,6 +105,23 @@ def test_compact_scans_are_answered_as_by_a_service(
                 assert same(printed(done), answer), (number, options)
                 localized += answer.verdict.value == "localized"
     assert localized >= 3
+
+
+@pytest.mark.slow
+def test_several_scans_are_not_read_beyond_their_ends(
+    on_board: Build, sanitised_on_board: Build, folder: Path, small_scans, tmp_path: Path
+):
+    """Ways, whole and compact, thinned, under sanitizers: no optimisation shows in the answer either."""
+    path = tmp_path / "way.ffscan"
+    for name, (scans, poses) in ways(small_scans).items():
+        some = [thinned(scan, 1500) for scan in scans]
+        twist = ("twist=0.3,0,0,0,0,0.2",) if name.endswith("in time") else ()
+        for sent in (some, [condense(scan) for scan in some]):
+            path.write_bytes(encode_scans(sent, poses))
+            asked = (PROGRAM, folder, path, UNEXPLAINED, "max_candidates=2", "prior=0,0,0,30", *twist)
+            done = sanitised_on_board.run(*asked)
+            assert done.returncode in EXIT_CODES.values(), (name, done.stderr)
+            assert done.stdout == on_board.run(*asked).stdout, name
 
 
 def test_poses_of_an_odometry_have_the_limits_of_a_service(
