@@ -8,6 +8,7 @@ from enum import Enum
 from types import ModuleType
 from typing import Any
 
+import firstfix.native
 from tests.native import kernel_cases
 
 
@@ -35,9 +36,14 @@ class Recorder:
             real = tuple(_real(one) for one in arguments)
             self._calls.append(Call(path, function, real))
             result = function(*real)
-            return Recorder(result, self._calls, f"{path}.") if isinstance(function, type) else result
+            made = type(result)
+            is_ours = made.__module__.startswith(firstfix.native.__name__)
+            return Recorder(result, self._calls, f"{made.__name__}.") if is_ours else result
 
         return call
+
+    def __len__(self) -> int:
+        return len(self._real)
 
 
 def _real(argument: Any) -> Any:
@@ -57,7 +63,7 @@ def recorded(native: ModuleType) -> list[Call]:
 def kernels(native: ModuleType) -> set[str]:
     """Returns the names of all functions and classes of the compiled core, and of the classes' methods.
 
-    An enumeration has no code of its own.
+    An enumeration has no code of its own, nor has a class that only functions make a constructor.
     """
     found = set()
     for name, value in vars(native).items():
@@ -69,5 +75,7 @@ def kernels(native: ModuleType) -> set[str]:
                 for method, code in vars(value).items()
                 if not (method.startswith("_") or isinstance(code, property))
             )
-            found |= {name, *(f"{name}.{method}" for method in methods)}
+            found |= {f"{name}.{method}" for method in methods}
+            if type(vars(value)["__init__"]).__name__ == "nb_method":
+                found.add(name)
     return found
