@@ -192,7 +192,9 @@ class CloudOctree:
             is_first, _ = self._first_of_cells(node)
             yield replace(node, rows=rows[is_first])
             rows = rows[~is_first]
-        waiting = deque([Node(level, cell, rows)] if len(rows) else [])
+            if not len(rows):  # nodes without points would only be asked for
+                return
+        waiting = deque([Node(level, cell, rows)])
         while waiting:
             reached = waiting.popleft()
             if len(reached.rows) <= LEAF_POINTS or reached.level == MAX_LEVELS:
