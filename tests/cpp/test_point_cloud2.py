@@ -190,6 +190,12 @@ def test_contradictory_messages_are_refused_in_the_words_of_a_service(on_board: 
     assert sum(line.startswith("error ") for line in lines) == len(bodies) - 1
 
 
+def test_rows_without_points_take_no_time(on_board: Build, tmp_path: Path):
+    """A message of a hundred bytes may name four thousand million of them."""
+    rows = cdr(cloud_of_points(np.ones((0, 3)), height=2**32 - 1, width=0, row_step=0))
+    assert len(compared(on_board, [rows] * 50, tmp_path)) == 50
+
+
 @pytest.mark.slow
 def test_damaged_messages_are_read_as_in_python_and_nothing_beyond_them(
     sanitised_on_board: Build, tmp_path: Path

@@ -19,7 +19,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta
+from functools import cached_property
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
@@ -156,10 +157,14 @@ class ChunkResults:
             self.remove(key)
             return None
 
-    def keep(self, key: str) -> None:
-        """Renew the age of a result that was used, so that it expires later. One of today is young enough."""
+    def keep(self, key: str, now: datetime) -> None:
+        """Renew the age of a result that was used, so that it expires later. One of today is young enough.
+
+        Args:
+            now: by the store's clock.
+        """
         where = f"{ROOT}/{key}/{RECORD}"
-        if datetime.now(timezone.utc) - self._store.last_modified(where) > RENEWED_AFTER:
+        if now - self._store.last_modified(where) > RENEWED_AFTER:
             self._store.put(where, self._store.get(where))
 
     def remove(self, key: str) -> None:
@@ -270,6 +275,11 @@ class ChunkCache:
     shared: StagesElsewhere | None = None
     change: SurfaceChange | None = None
 
+    @cached_property
+    def _began(self) -> datetime:
+        """When it first used a result, by the store's clock, which costs a put: too much for each."""
+        return self.executor.store.now()
+
     def run(
         self,
         stage: str,
@@ -291,7 +301,7 @@ class ChunkCache:
         found = results.made() & {chunk.key for chunk in keyed}
         for key in sorted(found):
             if results.has(key):
-                results.keep(key)
+                results.keep(key, self._began)
             else:  # the rest of a result that is being removed
                 found.discard(key)
         shared = None if self.executor.is_shared else self.shared
@@ -326,7 +336,7 @@ class ChunkCache:
         if results.has(key) or (shared is not None and _bring(results, shared, key)):
             found = results.load(key)
             if found is not None:
-                results.keep(key)
+                results.keep(key, self._began)
                 return found
         made = make()
         results.put(key, made)

@@ -190,11 +190,11 @@ class StageCache:
             fill(part / "files")
             made = _hashes(part / "files")
             (part / "stage.json").write_text(json.dumps({"stage": name, "files": made}, sort_keys=True))
-            self._move_in(part, key)
+            is_own = self._move_in(part, key)
         finally:
             shutil.rmtree(part, ignore_errors=True)
             os.close(lock)
-        found = self._find(key, made)
+        found = self._find(key, made if is_own else None)
         if found is None:
             raise OSError(f"stage {name} vanished from {self._folder} as it was written")
         return found
@@ -243,13 +243,16 @@ class StageCache:
             if lock is not None:  # else another process removed it before it was locked
                 return part, lock
 
-    def _move_in(self, part: Path, key: str) -> None:
+    def _move_in(self, part: Path, key: str) -> bool:
+        """Give a stage its name. Returns False if there is one of that name already."""
         try:
             part.rename(self._folder / key)
         except OSError:
-            # Another process made the same stage meanwhile, with the same result.
+            # Another process made the same stage meanwhile, or uses a damaged one, which then stays.
             if not (self._folder / key).is_dir():
                 raise
+            return False
+        return True
 
     def _remove(self, path: Path) -> bool:
         lock = _lock(path, fcntl.LOCK_EX | fcntl.LOCK_NB)

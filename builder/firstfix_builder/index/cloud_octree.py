@@ -192,7 +192,9 @@ class CloudOctree:
             is_first, _ = self._first_of_cells(node)
             yield replace(node, rows=rows[is_first])
             rows = rows[~is_first]
-        waiting = deque([Node(level, cell, rows)] if len(rows) else [])
+            if not len(rows):  # nodes without points would only be asked for
+                return
+        waiting = deque([Node(level, cell, rows)])
         while waiting:
             reached = waiting.popleft()
             if len(reached.rows) <= LEAF_POINTS or reached.level == MAX_LEVELS:
@@ -257,9 +259,8 @@ class CloudOctree:
             cell[part] = (z * CELLS + y) * CELLS + x
             octant[part] = (x >> _HALF) | (y >> _HALF) << 1 | (z >> _HALF) << 2
             done += len(rows)
-        first = np.empty(
-            CELLS**3, np.int32
-        )  # what is read was written: of a cell the first point, written last
+        # Never cleared: what is read of it was written, of each cell its first point last.
+        first = np.empty(CELLS**3, np.int32)
         number = np.arange(count, dtype=np.int32)
         first[cell[::-1]] = number[::-1]
         is_first: NDArray[np.bool_] = first[cell] == number

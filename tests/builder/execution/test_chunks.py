@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from firstfix.engine.config import OccupancyConfig, PcaScConfig
 from firstfix.errors import BuildCancelled, StoreError
 from firstfix.sensor import preset
 from firstfix.store.store import Store
+from firstfix_builder.execution import chunks as chunks_module
 from firstfix_builder.execution.build_trace import BuildTrace
 from firstfix_builder.execution.chunks import (
     ChunkBatch,
@@ -246,18 +248,30 @@ def test_a_cancelled_build_keeps_what_it_made(tmp_path: Path, log: Path):
     assert [runs(log, n) for n in range(4)] == [1, 1, 1, 1]
 
 
-def test_results_go_by_age_and_size_and_used_ones_are_young(tmp_path: Path, log: Path):
+def test_results_go_by_age_and_size(tmp_path: Path, log: Path):
     bench = Bench(tmp_path, log)
     bench.sums([1, 2, 3])
     assert bench.sums([9, 2, 3])[1] == (3, 2)
     size = sum(one.size_bytes for one in bench.store.scan("stages"))
     assert collect_stages(bench.store, 3600, max_bytes=size).removed == ()
     assert len(collect_stages(bench.store, 3600, max_bytes=size - 1).removed) == 1
-    assert bench.sums([9, 2, 3])[1] == (3, 3), "what was used last is there"
+    assert bench.sums([9, 2, 3])[1] == (3, 3), "what was made last is there"
     assert bench.sums([1, 2, 3])[1] == (3, 2)
     assert collect_stages(bench.store, -1).kept == 0
     assert bench.store.list("stages") == []
     assert bench.sums([1, 2, 3])[1] == (3, 0)
+
+
+def test_a_result_that_is_used_after_its_first_day_is_young_again(
+    tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch
+):
+    bench = Bench(tmp_path, log)
+    bench.sums([1, 2, 3])
+    monkeypatch.setattr(chunks_module, "RENEWED_AFTER", timedelta(0))
+    assert bench.sums([1, 2, 9])[1] == (3, 2)
+    size = sum(one.size_bytes for one in bench.store.scan("stages"))
+    assert len(collect_stages(bench.store, 3600, max_bytes=size - 1).removed) == 1
+    assert bench.sums([1, 2, 9])[1] == (3, 3), "the one that was used once has gone"
 
 
 def test_arrays_made_of_others_are_made_once_for_the_same_content(store: Store, tmp_path: Path):

@@ -22,7 +22,7 @@ from firstfix.builds.shared_stages import SharedStages
 from firstfix.store.store import Store
 from firstfix_builder.execution import source_hash as source_hash_module
 from firstfix_builder.execution.source_hash import source_hash
-from firstfix_builder.execution.stage_cache import StageCache
+from firstfix_builder.execution.stage_cache import StageCache, StageResult
 from tests.waiting import LIMIT_S
 
 X, Y = "1" * 64, "2" * 64
@@ -148,7 +148,7 @@ def test_a_damaged_stage_is_made_again(damage: str, tmp_path: Path) -> None:
 KILLED = """
 import signal, sys
 from pathlib import Path
-from firstfix_builder.execution.stage_cache import StageCache
+from firstfix_builder.execution.stage_cache import StageCache, StageResult
 
 def produce(out):
     (out / "a.bin").write_bytes(b"half")
@@ -187,6 +187,29 @@ def test_two_who_make_the_same_stage_agree(tmp_path: Path) -> None:
         results = list(pool.map(lambda _: StageCache(tmp_path).run("mesh", {}, {}, produce), range(2)))
     assert results[0] == results[1]
     assert list((tmp_path / "stages").iterdir()) == [results[0].directory.parent]
+
+
+def test_two_who_make_one_stage_differently_take_that_of_the_first(tmp_path: Path) -> None:
+    both = threading.Barrier(2)
+
+    def make(content: bytes) -> StageResult:
+        def produce(out: Path) -> None:
+            both.wait(timeout=LIMIT_S)
+            (out / "a.bin").write_bytes(content)
+
+        return StageCache(tmp_path).run("mesh", {}, {}, produce)
+
+    with ThreadPoolExecutor(2) as pool:
+        results = list(pool.map(make, (b"one", b"other")))
+    assert results[0] == results[1]
+
+
+def test_a_damaged_stage_that_another_uses_is_not_taken_for_the_one_just_made(tmp_path: Path) -> None:
+    other = StageCache(tmp_path)
+    used = other.run("mesh", {}, {}, Stage())
+    (used.directory / "a.bin").write_bytes(b"Content")
+    with pytest.raises(OSError, match="vanished"):
+        StageCache(tmp_path).run("mesh", {}, {}, Stage())
 
 
 def test_the_longest_unused_stages_go_first(tmp_path: Path) -> None:

@@ -86,6 +86,16 @@ def test_the_order_of_the_points_does_not_choose_who_is_shown_first(tmp_path):
     assert left == pytest.approx(np.mean(points[:, 0] < 4e5 + 30), abs=0.15)
 
 
+def test_no_node_is_empty_where_few_points_lie_far_from_the_others(tmp_path):
+    """A viewer asks for nodes by their first point, which an empty one would share with the next."""
+    rng = np.random.default_rng(6)
+    points = np.concatenate([hall(60_000), rng.uniform(0, 600, (200, 3)) + [4e5, 5e6, 100]])
+    CloudOctree.of(points).save(tmp_path)
+    index, packed = read(tmp_path)
+    assert min(count for *_, count in index["nodes"]) > 0
+    assert index["points"] == len(packed) == len(points)
+
+
 def test_many_points_at_one_place_end_at_the_last_level(tmp_path):
     points = np.repeat([[1.0, 2.0, 3.0]], LEAF_POINTS + 100, axis=0)
     CloudOctree.of(points).save(tmp_path)
