@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -119,7 +120,7 @@ def kept(count: int) -> RecentAnswers:
     recent = RecentAnswers("here")
     for number in range(count):
         answer = EncodedAnswer(Verdict.REJECTED, (), 0.0, "hall", "1" * 64, json=b'{"n":%d}' % number)
-        recent.add("robot", "http", 0.1, answer)
+        recent.add("robot", "http", 0.1, answer, time_s=time.time())
     return recent
 
 
