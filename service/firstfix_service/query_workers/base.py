@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextvars
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Protocol
@@ -30,10 +30,10 @@ class QueryWorker(Protocol):
     def is_alive(self) -> bool:
         """False if it takes no more queries."""
 
-    async def answer(self, asked: Asked) -> Answered:
+    def answer(self, asked: Asked) -> Awaitable[Answered]:
         """The answer to a query, whose versions are loaded if they are not, or to a look.
 
-        Raises:
+        Waiting for it raises:
             QueryWorkerDied: it ended before it answered.
             DeadlineExceeded: the query took too long. The worker ends.
             InputError: the body or an option cannot be used.
