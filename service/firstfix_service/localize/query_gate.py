@@ -196,7 +196,7 @@ class QueryGate:
     def _begin(self, job: Job, worker: QueryWorker) -> None:
         job.began, job.worker = time.monotonic(), worker
         asked = job.ask_for(job.prepared, job.began - job.ready_since)
-        answer = job.context.run(asyncio.ensure_future, worker.answer(asked))
+        answer = job.context.run(worker.answer, asked)
         self._running.add(answer)
         answer.add_done_callback(partial(self._answered, job, asked))
 

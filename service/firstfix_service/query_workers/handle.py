@@ -97,11 +97,12 @@ class QueryWorkerHandle:
             TooLarge: the body has more than ``max_body_bytes``.
             FirstfixError, QueryWorkerDefect: the query failed.
         """
-        loop = self._answering_loop()
+        loop = asyncio.get_running_loop()
         reply = _Reply(self._given_up, loop)
         if not self._query_lock.acquire(blocking=False):
             reply.set_exception(QueryWorkerDied("it is being closed"))
             return reply
+        self._begin_to_read(loop)
         self._reply, self._body_bytes = reply, len(asked.body)
         self._timer = loop.call_later(self._query_timeout_s, self._stuck)
         try:
@@ -187,12 +188,11 @@ class QueryWorkerHandle:
         if self._queries.sendmsg(parts) < sum(map(len, parts)):
             raise BlockingIOError("it does not read")
 
-    def _answering_loop(self) -> asyncio.AbstractEventLoop:
-        """The running loop, which reads the replies."""
+    def _begin_to_read(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Read the replies in the loop, from the first query on."""
         if self._loop is None:  # to begin to read, and to stop, takes longer than a reply
-            self._loop = asyncio.get_running_loop()
-            self._loop.add_reader(self._queries, self._read)
-        return self._loop
+            self._loop = loop
+            loop.add_reader(self._queries, self._read)
 
     def _stuck(self) -> None:
         self._fail(DeadlineExceeded(f"the query was stopped: it ran for over {self._query_timeout_s:g} s"))

@@ -48,7 +48,10 @@ class Worker:
         self.asked: list[Query] = []
         self._deaths = deaths
 
-    async def answer(self, query: Any) -> Any:
+    def answer(self, query: Any) -> asyncio.Future[Any]:
+        return asyncio.ensure_future(self._answer(query))
+
+    async def _answer(self, query: Any) -> Any:
         self.asked.append(query)
         if callable(query):
             return await query()
