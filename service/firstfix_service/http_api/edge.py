@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
@@ -26,6 +27,7 @@ from ..limits.addresses import Network, address_of
 from ..limits.turns import Turns
 from ..problems import problem_of
 from ..settings import Settings
+from ..telemetry.log_lines import RequestLines
 from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import Requests, RequestScope, note
 from ..thread_pools import AUTH
@@ -222,7 +224,7 @@ class RequestLog:
         self._answers = cache(metrics.http_requests.labels)
         self._seconds = cache(metrics.http_seconds.labels)
         self._late = metrics.late
-        self._log = _log.bind()  # finding its logger takes as long as its line
+        self._lines = RequestLines(__name__)
         self._requests = requests
         self._trusted = tuple(trusted)
         self._turns = turns
@@ -268,8 +270,8 @@ class RequestLog:
             request.span.update_name(f"{method} {route}")
             attributes = {"http.request.method": method, "http.route": route, "url.path": path}
             request.span.set_attributes({**attributes, "http.response.status_code": request.status})
-        log = self._log.debug if route in _QUIET else self._log.info
-        log("request", method=method, path=path, **request.line(seconds))
+        level = logging.DEBUG if route in _QUIET else logging.INFO
+        self._lines.write(request, level, method, path, seconds)
 
     def _count(self, method: str, route: str, status: int, seconds: float) -> None:
         self._answers(method, route, str(status)).inc()

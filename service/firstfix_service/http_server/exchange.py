@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
 from uvicorn.protocols.http.flow_control import FlowControl
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, RequestResponseCycle
+from uvicorn.server import ServerState
 
 from .streams import PIECE_BYTES, ReadingPace, declared_bytes
 
@@ -16,9 +18,16 @@ class AnsweringConnection(Protocol):
     """A connection as its exchanges use it.
 
     Attributes:
+        logger, access_logger, access_log, server_state: of uvicorn.
+        expect_100_continue: of the request that has just come.
         pace: measures how fast the caller reads.
     """
 
+    logger: logging.Logger
+    access_logger: logging.Logger
+    access_log: bool
+    server_state: ServerState
+    expect_100_continue: bool
     loop: asyncio.AbstractEventLoop
     transport: asyncio.Transport
     flow: FlowControl
@@ -39,13 +48,9 @@ class AnsweringConnection(Protocol):
 
 
 class Exchange(RequestResponseCycle):
-    """uvicorn's request and answer, on a connection that may drop answers and callers that read slowly.
+    """uvicorn's request and answer, on a connection that may drop answers and callers that read slowly."""
 
-    Args:
-        of_uvicorn: its other arguments.
-    """
-
-    def __init__(self, connection: AnsweringConnection, scope: Any, **of_uvicorn: Any) -> None:
+    def __init__(self, connection: AnsweringConnection, scope: Any) -> None:
         super().__init__(
             scope=scope,
             transport=AnswerTransport(connection, self),  # type: ignore[arg-type]
@@ -53,7 +58,11 @@ class Exchange(RequestResponseCycle):
             message_event=asyncio.Event(),
             keep_alive=False,  # an answer before the end of the body closes the connection, and says so
             on_response=connection.on_response_complete,
-            **of_uvicorn,
+            logger=connection.logger,
+            access_logger=connection.access_logger,
+            access_log=connection.access_log,
+            default_headers=connection.server_state.default_headers,
+            expect_100_continue=connection.expect_100_continue,
         )
         self._connection = connection
         self._arrived: asyncio.Future[None] | None = None  # of who waits for the body

@@ -11,15 +11,14 @@ import socket
 from enum import Enum
 from functools import partial
 from typing import Any
-from urllib.parse import unquote
 
 import httptools
 from starlette.requests import ClientDisconnect
 from uvicorn.protocols.http.flow_control import HIGH_WATER_LIMIT
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from ..limits.connections import Connections, ConnectionUse, EndReason
 from .exchange import Exchange
+from .request_heads import TOO_LARGE, RequestHeads
 from .streams import (
     ANSWER_WHOLE,
     ARRIVAL,
@@ -48,11 +47,7 @@ class Reading(Enum):
     LINGER = "linger"  # received data is dropped
 
 
-class _Refusal(Exception):
-    """Stops the parser at a request that exceeds a limit."""
-
-
-class LimitedHttpProtocol(HttpToolsProtocol):
+class LimitedHttpProtocol(RequestHeads):
     """A connection whose caller may send too much, too slowly, or read nothing.
 
     Args:
@@ -63,20 +58,17 @@ class LimitedHttpProtocol(HttpToolsProtocol):
     """
 
     def __init__(self, *args: Any, connections: Connections, room: memoryview, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+        super().__init__(*args, limits=connections.limits, **kwargs)
         self.receiver = Receiver(self, room)
         self._all = connections
-        self._limits = connections.limits
         self._use = ConnectionUse.ALL
         self._reading = Reading.HEAD
         self._since = self._checked_at = self.loop.time()  # _since: start of the current phase
         self._overhead_bytes = 0  # received since the request began, or since the last piece of its body
-        self._head_bytes = self._headers = 0
         self._body_bytes = 0
-        self._linger_bytes, self._linger_limit = 0, self._limits.linger_bytes
+        self._linger_bytes, self._linger_limit = 0, self.limits.linger_bytes
         self._keep_alive = False  # the caller's wish; granted after its body was read
-        self._refusal: tuple[bytes, str] | None = None
-        self.pace = ReadingPace(self._limits)
+        self.pace = ReadingPace(self.limits)
         self._answer_bytes: int | None = None  # of the current one, of several; None: not begun; 0: a stream
         self.cycle: Exchange
         self._is_half_closed = False  # the caller sends no more, and may still read
@@ -102,7 +94,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
     def overdue(self, now: float) -> EndReason | None:
         """The reason to end the connection now, if there is one."""
-        limits = self._limits
+        limits = self.limits
         last_check, self._checked_at = self._checked_at, now
         if self.pace.is_paused:
             is_too_slow = self.pace.is_too_slow(now, self.transport.get_write_buffer_size())
@@ -141,7 +133,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._wait_for(Reading.HEAD)
         self._use = self._all.admit(self)
         if self._use is ConnectionUse.NONE:  # ``Connections`` does not watch it: it ends at once
-            self._write_refusal(b"503 Service Unavailable", _FULL)
+            self.write_refusal(b"503 Service Unavailable", _FULL)
             self.transport.close()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -169,8 +161,8 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             return
         except httptools.HttpParserUpgrade:
             self._unsupported_upgrade_warning()
-        if self._overhead_bytes > self._limits.max_head_bytes and not self._is_ending:
-            self._refuse(*_TOO_LARGE)
+        if self._overhead_bytes > self.limits.max_head_bytes and not self._is_ending:
+            self._refuse(*TOO_LARGE)
 
     def eof_received(self) -> bool:  # type: ignore[override]
         """Keep the connection open for the answers to complete requests.
@@ -205,64 +197,21 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
     def on_message_begin(self) -> None:
         """Start the head of a request."""
-        self.url, self.headers, self.expect_100_continue = b"", [], False
-        self.scope = {  # type: ignore[typeddict-item]  # the rest comes with the whole head
-            "type": "http",
-            "asgi": {"version": self.asgi_version, "spec_version": "2.3"},
-            "http_version": "1.1",
-            "server": self.server,
-            "client": self.client,
-            "scheme": self.scheme,  # type: ignore[typeddict-item]
-            "root_path": self.root_path,
-            "headers": self.headers,
-            "state": self.app_state.copy(),
-        }
-        self._head_bytes = self._headers = self._body_bytes = 0
+        super().on_message_begin()
+        self._body_bytes = 0
         self._wait_for(Reading.HEAD)
-
-    def on_url(self, url: bytes) -> None:
-        """Count the URL as part of the head."""
-        self._head_bytes += len(url)
-        self._check_head()
-        self.url += url
-
-    def on_header(self, name: bytes, value: bytes) -> None:
-        """Count a header as part of the head."""
-        self._headers += 1
-        self._head_bytes += len(name) + len(value) + 4
-        if self._head_bytes > self._limits.max_head_bytes or self._headers > self._limits.max_headers:
-            self._stop_parsing(*_TOO_LARGE)
-        if self._reading is Reading.HEAD:  # otherwise it is a trailer, which is ignored
-            name = name.lower()
-            if name == b"expect" and value.lower() == b"100-continue":
-                self.expect_100_continue = True
-            self.headers.append((name, value))
 
     def on_headers_complete(self) -> None:
         """Start the request, if the connection may make it."""
         self._overhead_bytes = 0
         if self._use is ConnectionUse.HEALTH_ONLY and self.url.partition(b"?")[0] not in HEALTH_PATHS:
-            self._stop_parsing(b"503 Service Unavailable", _FULL)
-        if len(self.pipeline) >= self._limits.max_pipelined:
-            self._stop_parsing(b"429 Too Many Requests", "too many requests at the same time")
-        parser, scope, target = self.parser, self.scope, httptools.parse_url(self.url)
-        version, path = parser.get_http_version(), target.path.decode("ascii")
-        scope["method"], scope["http_version"] = parser.get_method().decode("ascii"), version
-        scope["path"], scope["raw_path"] = unquote(path) if "%" in path else path, target.path
-        scope["query_string"] = target.query or b""
-        self._keep_alive = version != "1.0" and parser.should_keep_alive() and self._use is ConnectionUse.ALL
-        before, self.cycle = (
-            self.cycle,
-            Exchange(
-                self,
-                scope,
-                logger=self.logger,
-                access_logger=self.access_logger,
-                access_log=self.access_log,
-                default_headers=self.server_state.default_headers,
-                expect_100_continue=self.expect_100_continue,
-            ),
-        )
+            self.stop_parsing(b"503 Service Unavailable", _FULL)
+        if len(self.pipeline) >= self.limits.max_pipelined:
+            self.stop_parsing(b"429 Too Many Requests", "too many requests at the same time")
+        scope = self.complete_scope()
+        may_go_on = scope["http_version"] != "1.0" and self.parser.should_keep_alive()
+        self._keep_alive = may_go_on and self._use is ConnectionUse.ALL
+        before, self.cycle = self.cycle, Exchange(self, scope)
         extensions: dict[str, Any] = {
             RECEIVE_INTO: partial(self._receive_into, self.cycle),
             RECEIVED: self.cycle.received,
@@ -304,7 +253,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
     def send_400_response(self, msg: str) -> None:
         """Answer a request that the parser refused."""
-        self._refuse(*(self._refusal or (b"400 Bad Request", msg)))
+        self._refuse(*(self.refusal or (b"400 Bad Request", msg)))
 
     # Called by the cycle of the answer and by the server
 
@@ -336,7 +285,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         """
         if self._reading is Reading.BODY and self.cycle.response_complete:
             rest_bytes = declared_bytes(self.headers) - self._body_bytes
-            if self._limits.linger_bytes < rest_bytes <= self._limits.linger_body_bytes:
+            if self.limits.linger_bytes < rest_bytes <= self.limits.linger_body_bytes:
                 self._linger_limit = rest_bytes
             self._linger()
         else:
@@ -420,14 +369,6 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._reading = what
         self._since = self._checked_at = self.loop.time()
 
-    def _check_head(self) -> None:
-        if self._head_bytes > self._limits.max_head_bytes or self._headers > self._limits.max_headers:
-            self._stop_parsing(*_TOO_LARGE)
-
-    def _stop_parsing(self, status: bytes, text: str) -> None:
-        self._refusal = (status, text)
-        raise _Refusal
-
     def _refuse(self, status: bytes, text: str) -> None:
         """Send a short refusal in plain text: there is no problem document before the route is known.
 
@@ -437,14 +378,8 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         if self._answering and not own:
             self.transport.close()
             return
-        self._write_refusal(status, text)
+        self.write_refusal(status, text)
         self._linger()
-
-    def _write_refusal(self, status: bytes, text: str) -> None:
-        self.transport.write(
-            b"HTTP/1.1 %s\r\ncontent-type: text/plain\r\nconnection: close\r\ncontent-length: %d\r\n\r\n%s"
-            % (status, len(text), text.encode())
-        )
 
     def _linger(self) -> None:
         """Close this side for writing, and drops received data for a while."""
@@ -460,4 +395,3 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
 _INVALID = "Invalid HTTP request received."
 _CONTINUE = b"HTTP/1.1 100 Continue\r\n\r\n"
-_TOO_LARGE = (b"431 Request Header Fields Too Large", "request header fields too large")

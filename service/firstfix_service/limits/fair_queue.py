@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Coroutine
+from collections.abc import Awaitable, Callable
 from contextvars import Context
 from dataclasses import dataclass, field
 from enum import Enum
@@ -39,6 +39,7 @@ class Job:
 
     Attributes:
         size_bytes: of its body, from which its time is estimated.
+        ask_for, failed: see ``QueryGate.run``.
         context: of the request, for its work.
         prepared: result of its preparation; None while it is being prepared.
         ready_since: time when it was prepared and began to wait for its turn.
@@ -49,7 +50,7 @@ class Job:
     """
 
     asker: Asker
-    work: Callable[[Any, Any, float], Coroutine[Any, Any, Any]]
+    ask_for: Callable[[Any, float], Any]
     result: asyncio.Future[Any]
     deadline: float
     size_bytes: int
@@ -62,6 +63,7 @@ class Job:
     is_slow: bool = False
     timer: asyncio.TimerHandle | None = None
     worker: Any = None
+    failed: Callable[[Any, Exception], Awaitable[None]] | None = None
     shares: tuple[_Caller, _Map] = field(init=False)
 
 

@@ -46,23 +46,30 @@ class AnswerCounts:
 
     Args:
         clock: monotonic time in seconds.
+        make_late: counts the answers that still wait for it (``LateCounts``).
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, clock: Callable[[], float] = time.monotonic, make_late: Callable[[], None] = lambda: None
+    ) -> None:
         self._clock = clock
+        self._make_late = make_late
         self._maps: OrderedDict[str, _Steps] = OrderedDict()
         self._lock = threading.Lock()
 
-    def add(self, map_id: str, is_localized: bool) -> None:
-        """Count an answer that is given now."""
-        now_s = self._clock()
-        step = int(now_s // STEP_S)
+    def add(self, map_id: str, is_localized: bool, given_s: float) -> None:
+        """Count an answer.
+
+        Args:
+            given_s: time of the clock when it was given.
+        """
+        step = int(given_s // STEP_S)
         with self._lock:
             steps = self._maps.get(map_id)
             if steps is None:
                 steps = self._maps[map_id] = _Steps()
             self._maps.move_to_end(map_id)
-            steps.last_s = now_s
+            steps.last_s = given_s
             counted = steps.counts.get(step)
             if counted is None:
                 for old in [one for one in steps.counts if one <= step - DAY_S // STEP_S]:
@@ -75,6 +82,7 @@ class AnswerCounts:
 
     def of_maps(self) -> list[MapCounts]:
         """The counts of all maps that were asked, by their ids."""
+        self._make_late()
         now_s = self._clock()
         with self._lock:
             map_ids = sorted(self._maps)

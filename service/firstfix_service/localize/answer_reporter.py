@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from functools import cache
+import time
+from functools import cache, partial
+from typing import Any
 
 from firstfix.answer.localization import Reason, Verdict
 from firstfix.catalog.recorded_queries import REPLAY
@@ -86,9 +88,18 @@ class AnswerReporter:
         seconds = math.nan if scope is None else scope.seconds
         exemplar = None if scope is None or scope.span is None else _exemplar(scope)
         if isinstance(outcome, EncodedAnswer):
-            self._metrics.late.add(self._count_answer, transport, outcome, seconds, exemplar)
             if scope is not None:
-                self._tell(transport, outcome, scope, seconds)
+                scope.status = _OK
+                scope.make_more = partial(
+                    _said,
+                    outcome.map_id,
+                    outcome.map_version,
+                    outcome.verdict,
+                    outcome.reasons,
+                    outcome.probability,
+                )
+            given = transport, outcome, seconds, exemplar, scope, time.time()
+            self._metrics.late.add(self._count_answer, *given)
         else:
             self._count_failure(transport, outcome, scope)
             self._count_seconds(transport, seconds, exemplar)
@@ -97,23 +108,16 @@ class AnswerReporter:
         if not math.isnan(seconds):  # else nobody knows when it began
             self._localize_seconds(transport).observe(seconds, exemplar)
 
-    def _tell(self, transport: str, answer: EncodedAnswer, scope: RequestScope, seconds: float) -> None:
-        """Tell the log line, those who watch and the counts of the map of an answer."""
-        scope.status = _OK
-        said = scope.fields
-        robot = said.get("robot") or said.get("key_name", "")
-        self._recent.add(said.get("caller", ""), transport, seconds, answer, robot)
-        if answer.map_id and not scope.request_id.startswith(REPLAY):
-            self._counts.add(answer.map_id, answer.verdict is Verdict.LOCALIZED)
-        said["map_id"] = answer.map_id
-        said["map_version"] = answer.map_version
-        said["verdict"] = _WORDS[answer.verdict]
-        said["reasons"] = [_WORDS[reason] for reason in answer.reasons]
-        said["probability"] = round(answer.probability, 4)
-
     def _count_answer(
-        self, transport: str, answer: EncodedAnswer, seconds: float, exemplar: dict[str, str] | None
+        self,
+        transport: str,
+        answer: EncodedAnswer,
+        seconds: float,
+        exemplar: dict[str, str] | None,
+        scope: RequestScope | None,
+        time_s: float,
     ) -> None:
+        """Count an answer, and tell those who watch and the counts of its map of it."""
         self._count_seconds(transport, seconds, exemplar)
         verdict = _WORDS[answer.verdict]
         self._verdicts(transport, verdict).inc()
@@ -122,6 +126,14 @@ class AnswerReporter:
             self._reasons(_WORDS[reason]).inc()
         for stage, ms in answer.timings_ms.items():
             self._stage_seconds(stage).observe(ms / 1e3, exemplar)
+        if scope is None:
+            return
+        caller, robot = scope.fields.get("caller", ""), scope.fields.get("robot")
+        robot = robot or scope.fields.get("key_name", "")
+        self._recent.add(caller, transport, seconds, answer, robot, time_s=time_s)
+        if answer.map_id and not scope.request_id.startswith(REPLAY):
+            is_localized = answer.verdict is Verdict.LOCALIZED
+            self._counts.add(answer.map_id, is_localized, scope.started + seconds)
 
     def _count_failure(self, transport: str, error: BaseException, scope: RequestScope | None) -> None:
         problem = problem_of(error)
@@ -132,6 +144,19 @@ class AnswerReporter:
         scope.status = problem.status
         if scope.span is not None:
             scope.span.record_exception(error)
+
+
+def _said(
+    map_id: str, map_version: str, verdict: Verdict, reasons: tuple[Reason, ...], probability: float
+) -> dict[str, Any]:
+    """The fields of an answer in its log line."""
+    return {
+        "map_id": map_id,
+        "map_version": map_version,
+        "verdict": _WORDS[verdict],
+        "reasons": [_WORDS[reason] for reason in reasons],
+        "probability": round(probability, 4),
+    }
 
 
 def _exemplar(scope: RequestScope) -> dict[str, str] | None:

@@ -13,7 +13,7 @@ import contextvars
 import math
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
@@ -28,12 +28,9 @@ from ..limits.limits import Limits
 from ..query_workers.base import QueryWorker, QueryWorkerDied
 from ..query_workers.look import Answered, Asked
 
-T = TypeVar("T")
 MAX_RETRY_AFTER_S = 60.0
-ATTEMPTS = 2  # of a query whose process dies
 UP_WITHIN_S = 30.0  # for any worker process to come up, before those that wait are refused
 _WAITING = (State.PREPARING, State.READY)
-AskWorker = Callable[[Asked], Awaitable[Answered]]
 
 
 class Closeable(Protocol):
@@ -63,7 +60,7 @@ class QueryGate:
         self._limit = limits.workers + limits.queue_size
         self._queue = FairQueue(limits.workers)
         self._closed = False
-        self._running: set[asyncio.Task[Any]] = set()
+        self._running: set[asyncio.Future[Any]] = set()
         self._free: list[QueryWorker] = []  # the one that worked last comes first: its caches are warm
         # Of queries that run, and whose worker died
         self._waiting_for_new_worker: deque[asyncio.Future[QueryWorker]] = deque()
@@ -91,38 +88,41 @@ class QueryGate:
         self,
         asker: Asker,
         prepare: Callable[[], Future[C] | C],
-        work: Callable[[AskWorker, C, float], Coroutine[Any, Any, T]],
+        ask_for: Callable[[C, float], Asked],
         *,
         size_bytes: int = 0,
         deadline: float = math.inf,
         check: Callable[[], Awaitable[None]] | None = None,
-    ) -> T:
-        """The result of the work, once it is the query's turn and a worker is free.
+        failed: Callable[[C, Exception], Awaitable[None]] | None = None,
+    ) -> Answered:
+        """The answer of a worker, once it is the query's turn and a worker is free.
 
-        A cancelled call gives up its place in the queue. Work that has begun goes on and keeps its place
+        A cancelled call gives up its place in the queue. What a worker has begun goes on and keeps its place
         until it ends; otherwise abandoned queries would pile up behind it.
 
         Args:
             asker: takes turns with the others.
             prepare: called once the query has a place; gives a result, or a future that no worker waits for.
                 The result is closed when the query has ended in any way.
-            work: gets a function that asks the worker, the prepared resources, and the seconds that the query
-                then waited for its turn. If the worker dies, another one is asked.
+            ask_for: gets the prepared resources, and the seconds that the query then waited for its turn;
+                returns what a worker is asked. If it dies, another one is asked the same.
             size_bytes: of the query's body. A larger one should take longer.
             deadline: of ``time.monotonic``; infinite: none.
             check: of the query, once it has a place.
+            failed: looks at the error of a worker while the prepared resources are still held.
 
         Raises:
             Overloaded: the gate is full.
             DeadlineExceeded: there is no result at the deadline.
             WorkerLost: two workers died over the query, or none came up.
-            Exception: any error of ``check``, ``prepare`` or ``work``.
+            Exception: any error of ``check``, ``prepare`` or the worker.
         """
         loop = self._loop
         is_full = self._closed or self._queue.size >= self._limit
         if is_full and (replaced := self._replaced_by(asker)) is not None:
             self._refuse(replaced, self._full())
-        job = Job(asker, work, loop.create_future(), deadline, size_bytes, contextvars.copy_context())
+        context = contextvars.copy_context()
+        job = Job(asker, ask_for, loop.create_future(), deadline, size_bytes, context, failed=failed)
         self._queue.add(job)
         try:
             if deadline != math.inf:
@@ -138,8 +138,8 @@ class QueryGate:
                     self._prepared(job, prepared)
                 else:
                     prepared.add_done_callback(partial(_in, loop, self._prepared, job))
-            result: T = await job.result
-            return result
+            answer: Answered = await job.result
+            return answer
         finally:
             if job.timer is not None:
                 job.timer.cancel()
@@ -150,8 +150,9 @@ class QueryGate:
         """Refuse the queries that wait, and wait for the end of those that run."""
         self._closed = True
         self._refuse_waiting(Overloaded("the service is stopping"))
-        if self._running:
+        while self._running:
             await asyncio.wait(self._running)
+            await asyncio.sleep(0)  # some may be asked again
         await asyncio.sleep(0)  # delivers the last results
 
     def _prepared(self, job: Job, future: Future[Any]) -> None:
@@ -194,22 +195,38 @@ class QueryGate:
 
     def _begin(self, job: Job, worker: QueryWorker) -> None:
         job.began, job.worker = time.monotonic(), worker
-        work = job.work(partial(self._ask, job), job.prepared, job.began - job.ready_since)
-        task = self._loop.create_task(work, context=job.context)
+        asked = job.ask_for(job.prepared, job.began - job.ready_since)
+        answer = job.context.run(worker.answer, asked)
+        self._running.add(answer)
+        answer.add_done_callback(partial(self._answered, job, asked))
+
+    def _answered(self, job: Job, asked: Asked, answer: asyncio.Future[Answered]) -> None:
+        if answer.cancelled() or (error := answer.exception()) is None:
+            self._ended(job, answer)
+            return
+        self._running.discard(answer)
+        task = self._loop.create_task(self._failed(job, asked, error), context=job.context)
         self._running.add(task)
         task.add_done_callback(partial(self._ended, job))
 
-    async def _ask(self, job: Job, asked: Asked) -> Answered:
-        for _ in range(ATTEMPTS):
-            if job.worker is None:
-                job.worker = await self._another_worker()
+    async def _failed(self, job: Job, asked: Asked, error: BaseException) -> Answered:
+        """The answer of another worker if the first one died, else its error."""
+        try:
+            if not isinstance(error, QueryWorkerDied):
+                raise error
+            job.worker = None
+            if job.result.done():  # too late, or its caller has gone
+                raise _lost()
+            job.worker = await self._another_worker()
             try:
                 return await job.worker.answer(asked)
             except QueryWorkerDied:
                 job.worker = None
-            if job.result.done():  # too late, or its caller has gone
-                break
-        raise WorkerLost("two worker processes died over the query")
+                raise _lost() from None
+        except Exception as error:
+            if job.failed is not None:
+                await job.failed(job.prepared, error)
+            raise
 
     async def _another_worker(self) -> QueryWorker:
         waiting: asyncio.Future[QueryWorker] = self._loop.create_future()
@@ -239,20 +256,20 @@ class QueryGate:
             if not waiting.done():
                 waiting.set_exception(error)
 
-    def _ended(self, job: Job, task: asyncio.Task[Any]) -> None:
-        self._running.discard(task)
+    def _ended(self, job: Job, answer: asyncio.Future[Answered]) -> None:
+        self._running.discard(answer)
         self._queue.ended(job, time.monotonic() - job.began)
         job.prepared.close()
         if job.worker is not None:
             self._free.append(job.worker)
-        error = Overloaded("the service is stopping") if task.cancelled() else task.exception()
+        error = Overloaded("the service is stopping") if answer.cancelled() else answer.exception()
         if not job.result.done():
             if error is not None:
                 job.result.set_exception(error)
             elif time.monotonic() > job.deadline:
                 job.result.set_exception(_too_late())
             else:
-                job.result.set_result(task.result())
+                job.result.set_result(answer.result())
         self._dispatch()
 
     def _refuse(self, job: Job, error: BaseException) -> None:
@@ -293,6 +310,10 @@ class QueryGate:
 def _in(loop: asyncio.AbstractEventLoop, call: Callable[..., None], *args: Any) -> None:
     with suppress(RuntimeError):  # the loop has ended with the service
         loop.call_soon_threadsafe(call, *args)
+
+
+def _lost() -> WorkerLost:
+    return WorkerLost("two worker processes died over the query")
 
 
 def _too_late() -> FirstfixError:

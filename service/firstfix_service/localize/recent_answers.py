@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import itertools
 import threading
-import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -65,31 +64,40 @@ class RecentAnswers:
 
     Others can never displace this replica's own. Nothing here parses JSON.
 
+    Args:
+        make_late: adds the answers of this replica that still wait for it (``LateCounts``).
+
     Attributes:
         replica: name of this replica.
         hears_others: set where other replicas tell of their answers.
     """
 
-    def __init__(self, replica: str = "") -> None:
+    def __init__(self, replica: str = "", make_late: Callable[[], None] = lambda: None) -> None:
         self.replica = replica
         self.hears_others = False
         self._numbers = itertools.count(1)
         self._own: deque[RecentAnswer] = deque(maxlen=MAX_ANSWERS)
         self._heard: deque[RecentAnswer] = deque(maxlen=MAX_ANSWERS)
         self._watchers = 0
+        self._make_late = make_late
         self._lock = threading.Lock()
 
     def add(
-        self, caller: str, transport: str, seconds: float, answer: EncodedAnswer, robot: str = ""
+        self,
+        caller: str,
+        transport: str,
+        seconds: float,
+        answer: EncodedAnswer,
+        robot: str = "",
+        *,
+        time_s: float,
     ) -> None:
         """Keep an answer of this replica, and forget the oldest if there are too many."""
-        now = time.time()
+        map_id, json = answer.map_id, answer.json
         with self._lock:
             number = next(self._numbers)
             self._own.append(
-                RecentAnswer(
-                    number, self.replica, now, caller, robot, transport, seconds, answer.map_id, answer.json
-                )
+                RecentAnswer(number, self.replica, time_s, caller, robot, transport, seconds, map_id, json)
             )
 
     def hear(
@@ -113,12 +121,14 @@ class RecentAnswers:
 
     def after(self, number: int) -> list[RecentAnswer]:
         """The kept answers of all replicas with higher numbers, in the order of their numbers."""
+        self._make_late()
         with self._lock:
             found = _newer(self._own, number) + _newer(self._heard, number)
         return sorted(found, key=lambda one: one.number)
 
     def own_after(self, number: int) -> list[RecentAnswer]:
         """The kept answers of this replica with higher numbers, oldest first."""
+        self._make_late()
         with self._lock:
             return _newer(self._own, number)
 

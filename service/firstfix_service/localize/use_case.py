@@ -16,11 +16,11 @@ from firstfix.formats.point_cloud import Body
 from ..maps.coarse_maps import CoarseMaps
 from ..maps.map_cache import MapCache
 from ..maps.served_maps import Leases
-from ..query_workers.look import Answered, Asked, Look
+from ..query_workers.look import Asked, Look
 from ..query_workers.query import EncodedAnswer, Query
 from ..thread_pools import CHOICES, COPIES
 from .answer_reporter import AnswerReporter
-from .query_gate import AskWorker, QueryGate
+from .query_gate import QueryGate
 
 LOADS_SHARE = 0.5  # of the time until the deadline, for loads of chosen maps
 
@@ -67,23 +67,29 @@ class LocalizeUseCase:
         """
         queued = time.monotonic()
         if not query.map_ids:
-            query, check = await self._with_maps(query, body, check), None
+            sought = SoughtScan({})
+            if forms := self._coarse.forms:
+                sought, check = await self._described(query, body, forms, check), None
+            query = await self._with_maps(query, sought)
         chosen_s = time.monotonic() - queued
 
-        async def work(ask: AskWorker, leases: Leases, waited_s: float) -> EncodedAnswer:
+        def ask_for(leases: Leases, waited_s: float) -> Query:
             map_s = time.monotonic() - queued - chosen_s - waited_s
             waits_ms = {"queue": waited_s * 1e3, "map": map_s * 1e3}
             if query.chosen_of:
                 waits_ms = {"choose": chosen_s * 1e3, **waits_ms}
-            asked = query.filled(body=body, versions=leases.served, waits_ms=waits_ms)
-            answer = await self._ask(ask, asked, leases)
-            assert isinstance(answer, EncodedAnswer)
-            return answer
+            return query.filled(body=body, versions=leases.served, waits_ms=waits_ms)
 
-        prepare = partial(self._lease, query)
         answer = await self._gate.run(
-            query.asker, prepare, work, size_bytes=len(body), deadline=query.deadline, check=check
+            query.asker,
+            partial(self._lease, query),
+            ask_for,
+            size_bytes=len(body),
+            deadline=query.deadline,
+            check=check,
+            failed=self._failed,
         )
+        assert isinstance(answer, EncodedAnswer)
         self._reporter.report(query, body, answer, queued)
         return answer
 
@@ -101,42 +107,42 @@ class LocalizeUseCase:
             CorruptVersion: also if a file of the version was damaged after it was loaded.
         """
 
-        async def work(ask: AskWorker, leases: Leases, waited_s: float) -> bytes:
+        def ask_for(leases: Leases, waited_s: float) -> Look:
             directory = leases.served[0].directory if leases.served else None
-            answer = await self._ask(ask, look.filled(body=body, directory=directory), leases)
-            assert isinstance(answer, bytes)
-            return answer
+            return look.filled(body=body, directory=directory)
 
         def prepare() -> Future[Leases] | Leases:
             return self._maps.served.lease((look.map_id,), look.version) if look.map_id else Leases([])
 
-        return await self._gate.run(look.asker, prepare, work, size_bytes=len(body))
+        answer = await self._gate.run(look.asker, prepare, ask_for, size_bytes=len(body), failed=self._failed)
+        assert isinstance(answer, bytes)
+        return answer
 
-    async def _ask(self, ask: AskWorker, asked: Asked, leases: Leases) -> Answered:
-        try:
-            return await ask(asked)
-        except Exception as error:
-            # A file that was damaged under the running service fails in many ways, up to SIGBUS.
-            if isinstance(error, WorkerLost) or not isinstance(error, FirstfixError):
-                await COPIES.run(self._maps.check_files, leases.served)
-            raise
+    async def _failed(self, leases: Leases, error: Exception) -> None:
+        """Check the files of versions over which a worker failed.
 
-    async def _with_maps(
-        self, query: Query, body: Body, check: Callable[[], Awaitable[None]] | None
-    ) -> Query:
-        """The query with the maps that resemble its scan most, of those that its caller sees."""
-        forms = self._coarse.forms
+        One that was damaged under the running service fails in many ways, up to SIGBUS.
+        """
+        if isinstance(error, WorkerLost) or not isinstance(error, FirstfixError):
+            await COPIES.run(self._maps.check_files, leases.served)
 
-        async def work(ask: AskWorker, nothing: Leases, waited_s: float) -> SoughtScan:
-            if not forms:
-                return SoughtScan({})
-            sought = await ask(query.filled(body=body, forms=forms))
-            assert isinstance(sought, SoughtScan)
-            return sought
-
+    async def _described(
+        self, query: Query, body: Body, forms: tuple[str, ...], check: Callable[[], Awaitable[None]] | None
+    ) -> SoughtScan:
+        """A worker's description of the scan, by which its maps are chosen."""
         sought = await self._gate.run(
-            query.asker, lambda: Leases([]), work, size_bytes=len(body), deadline=query.deadline, check=check
+            query.asker,
+            lambda: Leases([]),
+            lambda nothing, waited_s: query.filled(body=body, forms=forms),
+            size_bytes=len(body),
+            deadline=query.deadline,
+            check=check,
         )
+        assert isinstance(sought, SoughtScan)
+        return sought
+
+    async def _with_maps(self, query: Query, sought: SoughtScan) -> Query:
+        """The query with the maps that resemble its scan most, of those that its caller sees."""
         visible = list(filter(query.caller.sees, self._maps.served.ids))
         if not visible:
             raise NotFound("no map is served any more")

@@ -30,10 +30,10 @@ class QueryWorker(Protocol):
     def is_alive(self) -> bool:
         """False if it takes no more queries."""
 
-    async def answer(self, asked: Asked) -> Answered:
+    def answer(self, asked: Asked) -> asyncio.Future[Answered]:
         """The answer to a query, whose versions are loaded if they are not, or to a look.
 
-        Raises:
+        The future raises:
             QueryWorkerDied: it ended before it answered.
             DeadlineExceeded: the query took too long. The worker ends.
             InputError: the body or an option cannot be used.
@@ -127,13 +127,13 @@ class QueryWorkerThreads:
         """Unload a version."""
         self._localizers.drop(version)
 
-    async def answer(self, asked: Asked) -> Answered:
+    def answer(self, asked: Asked) -> asyncio.Future[Answered]:
         """The answer to a query or a look."""
         context = contextvars.copy_context()  # for what is logged on the way
         loop = asyncio.get_running_loop()
-        answer = await loop.run_in_executor(self._threads, context.run, self._localizers.answer, asked)
-        if self._sightings is not None:
-            self._sightings.wake()
+        answer = loop.run_in_executor(self._threads, context.run, self._localizers.answer, asked)
+        if (sightings := self._sightings) is not None:
+            answer.add_done_callback(lambda _: sightings.wake())
         return answer
 
     def take_sightings(self) -> list[Sighted]:

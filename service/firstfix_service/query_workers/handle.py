@@ -10,9 +10,10 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from typing import Any, Never
+from typing import Any
 
 from firstfix.errors import DeadlineExceeded, FirstfixError, TooLarge
 
@@ -67,7 +68,9 @@ class QueryWorkerHandle:
             )
         self._reader = MessageReader()
         self._loop: asyncio.AbstractEventLoop | None = None  # that reads the replies
-        self._replied: asyncio.Future[tuple[bool, Any]] | None = None  # of the query under way
+        self._reply: _Reply | None = None  # to the query under way
+        self._body_bytes = 0  # of that query
+        self._timer: asyncio.TimerHandle
         self._query_lock = threading.Lock()  # held by ``close`` too, or another file could get its number
         self._control_lock = threading.Lock()
         self.started = time.monotonic()
@@ -85,37 +88,30 @@ class QueryWorkerHandle:
         """
         self._request(HELLO, None)
 
-    async def answer(self, asked: Asked) -> Answered:
-        """The process's answer to a query or a look.
+    def answer(self, asked: Asked) -> asyncio.Future[Answered]:
+        """The process's answer to a query or a look. It is a plain future: a task for each takes longer.
 
-        Raises:
+        The future raises:
             QueryWorkerDied: the process ended before it answered.
             DeadlineExceeded: no answer within ``query_timeout_s``.
             TooLarge: the body has more than ``max_body_bytes``.
             FirstfixError, QueryWorkerDefect: the query failed.
         """
+        loop = asyncio.get_running_loop()
+        reply = _Reply(self._given_up, loop)
         if not self._query_lock.acquire(blocking=False):
-            raise QueryWorkerDied("it is being closed")
-        replied = self._replied = self._answering_loop().create_future()
-        stuck = replied.get_loop().call_later(self._query_timeout_s, self._stuck, replied)
+            reply.set_exception(QueryWorkerDied("it is being closed"))
+            return reply
+        self._begin_to_read(loop)
+        self._reply, self._body_bytes = reply, len(asked.body)
+        self._timer = loop.call_later(self._query_timeout_s, self._stuck)
         try:
             self._send(asked)
-            good, value = await replied
-            self._bodies.trim(len(asked.body))
-        except (EOFError, OSError) as error:
-            self.kill()  # it may only have stalled
-            raise QueryWorkerDied(repr(error)) from None
-        except TooLarge:  # nothing was sent
-            raise
-        except BaseException:  # stuck, or nobody waits any more: its reply must not answer the next query
-            self.kill()
-            raise
-        finally:
-            stuck.cancel()
-            self._replied = None
-            self._query_lock.release()
-        answer: Answered = value if good else _raised(value)
-        return answer
+        except TooLarge as error:  # nothing was sent
+            self._reply_ended(reply).set_exception(error)
+        except Exception as error:
+            self._fail(error)
+        return reply
 
     def load(self, version: ServedVersion) -> int:
         """Load a version; returns its bytes in memory, without mapped files.
@@ -192,32 +188,57 @@ class QueryWorkerHandle:
         if self._queries.sendmsg(parts) < sum(map(len, parts)):
             raise BlockingIOError("it does not read")
 
-    def _answering_loop(self) -> asyncio.AbstractEventLoop:
-        """The running loop, which reads the replies."""
+    def _begin_to_read(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Read the replies in the loop, from the first query on."""
         if self._loop is None:  # to begin to read, and to stop, takes longer than a reply
-            self._loop = asyncio.get_running_loop()
-            self._loop.add_reader(self._queries, self._read)
-        return self._loop
+            self._loop = loop
+            loop.add_reader(self._queries, self._read)
 
-    def _stuck(self, replied: asyncio.Future[tuple[bool, Any]]) -> None:
-        _end(replied, DeadlineExceeded(f"the query was stopped: it ran for over {self._query_timeout_s:g} s"))
+    def _stuck(self) -> None:
+        self._fail(DeadlineExceeded(f"the query was stopped: it ran for over {self._query_timeout_s:g} s"))
+
+    def _fail(self, error: Exception) -> None:
+        """End the process, and the query under way with the error. It may only have stalled."""
+        self.kill()
+        if (reply := self._reply) is not None:
+            is_end = isinstance(error, (EOFError, OSError))
+            self._reply_ended(reply).set_exception(QueryWorkerDied(repr(error)) if is_end else error)
+
+    def _given_up(self, reply: _Reply) -> None:
+        """End the process if nobody waits for its reply any more: it must not answer the next query."""
+        if reply is self._reply:
+            self._reply_ended(reply)
+            self.kill()
+
+    def _reply_ended(self, reply: _Reply) -> _Reply:
+        """Let the next query come."""
+        self._timer.cancel()
+        self._reply = None
+        self._query_lock.release()
+        return reply
 
     def _read(self) -> None:
         """Read what the process has sent."""
-        replied = self._replied
         try:
             received = self._reader.receive(self._queries)
         except (BlockingIOError, InterruptedError):
             return
         except Exception as error:
             self._stop_reading()
-            if replied is not None:
-                _end(replied, error)
+            self._fail(error)
             return
-        if received is not None:
-            self._reader.forget()
-            if replied is not None and not replied.done():
-                replied.set_result(received[0])
+        if received is None:
+            return
+        self._reader.forget()
+        if (reply := self._reply) is None:
+            return
+        self._bodies.trim(self._body_bytes)
+        self._reply_ended(reply)
+        good, value = received[0]
+        if good:
+            reply.set_result(value)
+        else:
+            reply.set_exception(_error_of(value))
 
     def _stop_reading(self) -> None:
         """Close the socket, in the loop that reads from it: another file could get its number."""
@@ -241,13 +262,29 @@ class QueryWorkerHandle:
             self.kill()
             raise QueryWorkerDied(f"it did not answer within {LOAD_WITHIN_S:g} s")
         good, value = reply
-        return value if good else _raised(value)
+        if not good:
+            raise _error_of(value)
+        return value
 
 
-def _end(future: asyncio.Future[Any], error: Exception) -> None:
-    if not future.done():
-        future.set_exception(error)
+class _Reply(asyncio.Future[Answered]):
+    """The reply to a query.
+
+    Args:
+        given_up: called when nobody waits for it any more.
+    """
+
+    def __init__(self, given_up: Callable[[_Reply], None], loop: asyncio.AbstractEventLoop) -> None:
+        super().__init__(loop=loop)
+        self._given_up = given_up
+
+    def cancel(self, msg: Any | None = None) -> bool:
+        """Give the reply up."""
+        is_given_up = super().cancel(msg)
+        if is_given_up:
+            self._given_up(self)
+        return is_given_up
 
 
-def _raised(value: Any) -> Never:
-    raise value if isinstance(value, FirstfixError) else QueryWorkerDefect(value)
+def _error_of(value: Any) -> Exception:
+    return value if isinstance(value, FirstfixError) else QueryWorkerDefect(value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -13,7 +14,7 @@ TOGETHER = 32
 
 
 class LateCounts(Collector):
-    """Counts that wait, and are made before anybody reads the metrics. Thread-safe.
+    """Counts that wait. Whoever reads what is counted makes them first, as the metrics do. Thread-safe.
 
     Args:
         registry: reads its collectors in the order in which they came: this one comes before what is counted.
@@ -21,6 +22,7 @@ class LateCounts(Collector):
 
     def __init__(self, registry: CollectorRegistry) -> None:
         self._waiting: deque[tuple[Callable[..., object], tuple[Any, ...]]] = deque()
+        self._making = threading.Lock()
         registry.register(self)
 
     def add(self, count: Callable[..., object], *arguments: Any) -> None:
@@ -31,12 +33,10 @@ class LateCounts(Collector):
 
     def make(self) -> None:
         """Make all counts that wait."""
-        while self._waiting:
-            try:
+        with self._making:  # in their order, and who reads waits for those that another thread makes
+            while self._waiting:
                 count, arguments = self._waiting.popleft()
-            except IndexError:  # another thread was quicker
-                return
-            count(*arguments)
+                count(*arguments)
 
     def collect(self) -> Iterator[Any]:
         """Make the counts; there are no samples of this collector's own."""

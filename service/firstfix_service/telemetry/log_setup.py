@@ -14,14 +14,14 @@ import structlog
 from firstfix.telemetry.library_logs import silence_libraries
 
 from ..settings import Settings
-from .request_scope import LAST_LINES_WITHIN_S, LogLines, LogStream, complete, hiding_secrets
+from .log_lines import LAST_LINES_WITHIN_S, LogLines, LogStream, complete, hiding_secrets
 
 __all__ = ["LAST_LINES_WITHIN_S", "drain_log", "set_up_logging"]
 
 
 def set_up_logging(settings: Settings) -> None:
     """Set up the logs of this process. Called by ``serve``, never by an import."""
-    level, as_json = settings.log_level, settings.log_json
+    level, as_json = getattr(logging, settings.log_level.upper()), settings.log_json
     secret_urls = [url.get_secret_value() for url in settings.webhook_urls]
     render = hiding_secrets(_json if as_json else _plain(), secret_urls)
     handler = logging.StreamHandler(_stream(sys.stderr))
@@ -36,13 +36,13 @@ def set_up_logging(settings: Settings) -> None:
     )
     root = logging.getLogger()
     root.handlers = [handler]
-    root.setLevel(level.upper())
+    root.setLevel(level)
     silence_libraries()
     # Straight to the stream: the way through logging takes as long again, for each request.
     structlog.configure(
         processors=[complete],
-        wrapper_class=structlog.make_filtering_bound_logger(getattr(logging, level.upper())),
-        logger_factory=lambda name="": LogLines(name, handler, render),
+        wrapper_class=structlog.make_filtering_bound_logger(level),
+        logger_factory=lambda name="": LogLines(name, handler, render, level),
         cache_logger_on_first_use=True,
     )
 

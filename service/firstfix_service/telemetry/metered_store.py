@@ -16,7 +16,7 @@ from .metrics import Metrics
 # The methods of Store that make requests; its other methods use these.
 OPERATIONS = (
     *("put_new", "put", "put_pieces", "put_file"),
-    *("get", "get_range", "download", "sha256", "size", "scan", "folders", "delete"),
+    *("get", "get_range", "download", "sha256", "size", "last_modified", "scan", "folders", "delete"),
 )
 
 

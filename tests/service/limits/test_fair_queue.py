@@ -39,7 +39,7 @@ class Simulated:
 
     def ask(self, caller: str, seconds: float, map_id: str = "hall", size_bytes: int = USUAL_BYTES) -> Job:
         result = cast("asyncio.Future[Any]", None)
-        job = Job(Asker(caller, map_id), _no_work, result, math.inf, size_bytes, copy_context())
+        job = Job(Asker(caller, map_id), _not_asked, result, math.inf, size_bytes, copy_context())
         self._seconds[job] = seconds
         self.queue.add(job)
         self.queue.make_ready(job)
@@ -66,8 +66,8 @@ class Simulated:
         self.pass_until(self.now + 1e6)
 
 
-async def _no_work(ask: Any, prepared: Any, waited_s: float) -> None:
-    raise AssertionError("nothing is run here")
+def _not_asked(prepared: Any, waited_s: float) -> Any:
+    raise AssertionError("nobody is asked here")
 
 
 def test_a_quick_caller_never_waits_for_more_than_the_query_that_runs():

@@ -15,7 +15,7 @@ from firstfix.errors import DeadlineExceeded, NotFound, Overloaded, WorkerLost
 from firstfix_service.limits.asker import Asker
 from firstfix_service.limits.limits import Limits
 from firstfix_service.localize import query_gate
-from firstfix_service.localize.query_gate import MAX_RETRY_AFTER_S, AskWorker, QueryGate
+from firstfix_service.localize.query_gate import MAX_RETRY_AFTER_S, QueryGate
 from firstfix_service.query_workers.base import QueryWorkerDied
 from firstfix_service.query_workers.query import EncodedAnswer, Query
 from tests.waiting import let_pass, wait_until_async
@@ -41,15 +41,20 @@ def ready(held: Held | None = None) -> Callable[[], Future[Held]]:
 
 
 class Worker:
-    """A worker that dies over so many queries."""
+    """A worker that dies over so many queries. It does what it is asked, if that can be called."""
 
     def __init__(self, deaths: int = 0) -> None:
         self.is_alive = True
         self.asked: list[Query] = []
         self._deaths = deaths
 
-    async def answer(self, query: Query) -> EncodedAnswer:
+    def answer(self, query: Any) -> asyncio.Future[Any]:
+        return asyncio.ensure_future(self._answer(query))
+
+    async def _answer(self, query: Any) -> Any:
         self.asked.append(query)
+        if callable(query):
+            return await query()
         if self._deaths:
             self._deaths -= 1
             self.is_alive = False
@@ -80,6 +85,11 @@ def with_gate(
     asyncio.run(run())
 
 
+def asking(what: Any) -> Any:
+    """Asks a worker this, whatever was prepared."""
+    return lambda held, waited_s: what
+
+
 class Tasks:
     """Queries that record their start and wait for a signal."""
 
@@ -98,32 +108,40 @@ class Tasks:
         deadline: float = math.inf,
         seconds: float = 0.0,
     ) -> asyncio.Task[str]:
-        async def work(ask: AskWorker, held: Held, waited_s: float) -> str:
+        async def work() -> str:
             self.begun.append(name or map_id)
             await asyncio.to_thread(let_pass, seconds)
             await wait_until_async(self.may_end.is_set)
             return name or map_id
 
         return asyncio.ensure_future(
-            self.gate.run(Asker(caller, map_id), prepare or ready(), work, deadline=deadline)
+            self.gate.run(Asker(caller, map_id), prepare or ready(), asking(work), deadline=deadline)
         )
 
 
 def test_work_is_done_and_its_error_passed_on():
     async def test(gate: QueryGate) -> None:
-        held = Held()
+        held, seen = Held(), []
 
-        async def is_held(ask: AskWorker, got: Held, waited_s: float) -> bool:
-            return got is held
+        async def work() -> str:
+            return "done"
 
-        async def fail(ask: AskWorker, got: Held, waited_s: float) -> None:
+        async def fail() -> None:
             raise ZeroDivisionError
 
-        assert await gate.run(Asker("robot", "a"), ready(held), is_held)
-        assert held.closed == 1
+        async def look(got: Held, error: Exception) -> None:
+            seen.append((got, type(error), got.closed))
+
+        def ask_for(got: Held, waited_s: float) -> Any:
+            assert got is held
+            assert waited_s >= 0.0
+            return work
+
+        assert await gate.run(Asker("robot", "a"), ready(held), ask_for, failed=look) == "done"
+        assert (held.closed, seen) == (1, [])
         with pytest.raises(ZeroDivisionError):
-            await gate.run(Asker("robot", "a"), ready(held), fail)
-        assert held.closed == 2
+            await gate.run(Asker("robot", "a"), ready(held), asking(fail), failed=look)
+        assert (held.closed, seen) == (2, [(held, ZeroDivisionError, 1)]), "looked at before it is closed"
 
     with_gate(test)
 
@@ -147,7 +165,7 @@ def test_the_queue_is_bounded_and_empties():
 def test_the_wait_that_a_refusal_names_grows_with_the_queue():
     async def test(gate: QueryGate) -> None:
         for _ in range(60):
-            await gate.run(Asker("robot", "a"), ready(), lambda *_: asyncio.to_thread(let_pass, 0.02))
+            await gate.run(Asker("robot", "a"), ready(), asking(lambda: asyncio.to_thread(let_pass, 0.02)))
         tasks = Tasks(gate)
         asked = [tasks.ask("a") for _ in range(201)]
         await wait_until_async(lambda: gate.admitted == 201)
@@ -199,13 +217,13 @@ def test_an_error_in_preparation_is_the_querys_error():
         failed: Future[Held] = Future()
         failed.set_exception(NotFound("no map"))
         with pytest.raises(NotFound):
-            await gate.run(Asker("robot", "made-up"), lambda: failed, lambda *_: asyncio.sleep(0))
+            await gate.run(Asker("robot", "made-up"), lambda: failed, asks)
 
         def refuses() -> Future[Held]:
             raise NotFound("no such id")
 
         with pytest.raises(NotFound):
-            await gate.run(Asker("robot", "made-up"), refuses, lambda *_: asyncio.sleep(0))
+            await gate.run(Asker("robot", "made-up"), refuses, asks)
         assert not gate._queue._callers, "a map that was made up leaves no trace"
 
     with_gate(test)
@@ -266,9 +284,7 @@ def test_a_cancelled_query_frees_its_place_and_is_not_begun():
 def test_resources_prepared_for_a_cancelled_query_are_closed():
     async def test(gate: QueryGate) -> None:
         slow: Future[Held] = Future()
-        asked = asyncio.ensure_future(
-            gate.run(Asker("robot", "a"), lambda: slow, lambda *_: asyncio.sleep(0))
-        )
+        asked = asyncio.ensure_future(gate.run(Asker("robot", "a"), lambda: slow, asks))
         await wait_until_async(lambda: gate.admitted == 1)
         asked.cancel()
         await wait_until_async(lambda: gate.admitted == 0)
@@ -324,8 +340,7 @@ def test_a_closed_gate_refuses_waiting_and_new_queries():
     with_gate(test, queue_size=1)
 
 
-async def asks(ask: AskWorker, held: Held, waited_s: float) -> EncodedAnswer:
-    return await ask(QUERY)
+asks = asking(QUERY)
 
 
 def test_a_query_waits_for_a_worker_under_its_own_deadline():

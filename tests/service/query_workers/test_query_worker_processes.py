@@ -26,7 +26,7 @@ from firstfix.errors import CorruptVersion, DeadlineExceeded, MalformedData, Too
 from firstfix.transform import pose_error
 from firstfix.wire.scan import MEDIA_TYPE, encode_scan
 from firstfix_service.limits.limits import Limits
-from firstfix_service.localize.query_gate import AskWorker, QueryGate
+from firstfix_service.localize.query_gate import QueryGate
 from firstfix_service.query_workers.processes import QueryWorkerProcesses
 from firstfix_service.query_workers.protocol import INLINE_BYTES
 from firstfix_service.query_workers.query import BodyFormat, EncodedAnswer, Query, ServedVersion
@@ -71,12 +71,9 @@ class Answering:
         return QueryGate(Limits(workers=count, queue_size=8))
 
     async def _answer(self, query: Query) -> EncodedAnswer:
-        async def work(ask: AskWorker, _: Any, waited_s: float) -> EncodedAnswer:
-            return await ask(query)
-
         done: Future[Any] = Future()
         done.set_result(SimpleNamespace(close=lambda: None))
-        return await self.gate.run(query.asker, lambda: done, work)
+        return await self.gate.run(query.asker, lambda: done, lambda *_: query)
 
     def _run(self, work: Any) -> Any:
         return asyncio.run_coroutine_threadsafe(work, self.loop).result(LIMIT_S)

@@ -26,9 +26,9 @@ from firstfix.store.store import Store
 from firstfix_service.builds.process import last_message
 from firstfix_service.settings import Settings
 from firstfix_service.startup.settings_summary import settings_summary, without_secrets
-from firstfix_service.telemetry import request_scope
+from firstfix_service.telemetry import log_lines
+from firstfix_service.telemetry.log_lines import MAX_BYTES, LogStream
 from firstfix_service.telemetry.log_setup import set_up_logging
-from firstfix_service.telemetry.request_scope import MAX_BYTES, LogStream
 from tests.service.json_log import JsonLog, json_log
 from tests.service.service_world import SCAN_BODY, XYZ, Service, free_port, is_ready, running_service, served
 from tests.waiting import LIMIT_S, wait_until
@@ -288,7 +288,7 @@ def test_a_closed_reader_is_no_error(pipe: tuple[int, int], monkeypatch: pytest.
         tried.append(len(data))
         raise BrokenPipeError
 
-    monkeypatch.setattr(request_scope.os, "write", fail)
+    monkeypatch.setattr(log_lines.os, "write", fail)
     stream = LogStream(pipe[1])
     stream.write("one\n")
     wait_until(lambda: len(tried) == 1)

@@ -25,7 +25,7 @@ class Counting:
 
     def add(self, map_id: str, is_localized: bool, now_s: float) -> None:
         self.now_s = now_s
-        self.counts.add(map_id, is_localized)
+        self.counts.add(map_id, is_localized, self.now_s)
 
 
 def test_answers_are_counted_for_an_hour_and_a_day():

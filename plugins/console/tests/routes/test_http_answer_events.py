@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
+import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,14 +15,17 @@ from typing import Any
 import httpx
 import orjson
 import pytest
+from prometheus_client import CollectorRegistry
 
 from firstfix.answer.localization import Verdict
 from firstfix_console import answer_events
 from firstfix_service.auth.principal import Principal
 from firstfix_service.http_api.event_stream import EventStreams
 from firstfix_service.localize import recent_answers
+from firstfix_service.localize.answer_counts import AnswerCounts, Counted
 from firstfix_service.localize.recent_answers import RecentAnswers
 from firstfix_service.query_workers.query import EncodedAnswer
+from firstfix_service.telemetry.late_counts import LateCounts
 from tests.service.access_world import give
 from tests.service.raw_connection import connect
 from tests.service.service_world import SCAN_BODY, XYZ, Service, publish, running_service
@@ -119,8 +124,21 @@ def kept(count: int) -> RecentAnswers:
     recent = RecentAnswers("here")
     for number in range(count):
         answer = EncodedAnswer(Verdict.REJECTED, (), 0.0, "hall", "1" * 64, json=b'{"n":%d}' % number)
-        recent.add("robot", "http", 0.1, answer)
+        recent.add("robot", "http", 0.1, answer, time_s=time.time())
     return recent
+
+
+def test_answers_that_wait_to_be_counted_are_there_for_who_reads():
+    late = LateCounts(CollectorRegistry())
+    recent = RecentAnswers("here", late.make)
+    counts = AnswerCounts(make_late=late.make)
+    answer = EncodedAnswer(Verdict.LOCALIZED, (), 1.0, "hall", "1")
+    late.add(partial(recent.add, "robot", "http", 0.1, answer, time_s=5.0))
+    assert [one.time_s for one in recent.after(0)] == [5.0]
+    late.add(partial(recent.add, "robot", "http", 0.1, answer, time_s=6.0))
+    assert [one.time_s for one in recent.own_after(1)] == [6.0]
+    late.add(counts.add, "hall", True, time.monotonic())
+    assert [one.hour for one in counts.of_maps()] == [Counted(1, 1)]
 
 
 async def first_look(recent: RecentAnswers) -> list[bytes]:

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from fastapi import Request
@@ -46,6 +47,9 @@ class BodyReader:
             await extensions[ARRIVAL](CHECK_S)  # the permission is good for so long
             if (received := self._received(request, caller)) is not None:
                 return received
+        if (declared := self._long_bytes(request)) and RECEIVE_INTO in extensions:
+            receive_into = partial(PermissionChecks(request.scope).receive_into, extensions[RECEIVE_INTO])
+            return await self._limited(partial(_long, receive_into, declared), caller)
         body: list[Body] = []
 
         async def read(scope: Scope, receive: Receive, send: Send) -> None:
@@ -64,8 +68,13 @@ class BodyReader:
         """
         if (received := self._received(request, caller)) is not None:
             return received
-        declared = checked_length(request, self._max_bytes)
-        is_long = declared >= LONG_BYTES and RECEIVE_INTO in request.scope.get("extensions", {})
+        extensions = request.scope.get("extensions", {})
+        if (declared := self._long_bytes(request)) and RECEIVE_INTO in extensions:
+            return await self._limited(partial(_long, extensions[RECEIVE_INTO], declared), caller)
+        return await self._limited(partial(_joined, request), caller)
+
+    async def _limited(self, receive: Callable[[Arrived], Awaitable[Body]], caller: str) -> Body:
+        """A body that is counted as it arrives, and must do so in time."""
         lease = self._budget.lease(*owners_of_body(caller))
 
         def arrived(count: int) -> None:
@@ -75,7 +84,7 @@ class BodyReader:
 
         try:
             async with asyncio.timeout(self._timeout_s):
-                return await (_long(request, declared, arrived) if is_long else _joined(request, arrived))
+                return await receive(arrived)
         except BaseException as error:
             lease.end()
             if isinstance(error, TimeoutError):
@@ -84,9 +93,8 @@ class BodyReader:
 
     def _received(self, request: Request, caller: str) -> bytes | None:
         """The body, if all of it came with the head, as ``read``; else None."""
-        declared = checked_length(request, self._max_bytes)
         extensions = request.scope.get("extensions", {})
-        is_long = declared >= LONG_BYTES and RECEIVE_INTO in extensions
+        is_long = self._long_bytes(request) and RECEIVE_INTO in extensions
         body: bytes | None = None if is_long or RECEIVED not in extensions else extensions[RECEIVED]()
         if body is not None:
             self._budget.lease(*owners_of_body(caller)).grow(len(body))
@@ -95,18 +103,23 @@ class BodyReader:
                 raise _too_large(self._max_bytes)
         return body
 
+    def _long_bytes(self, request: Request) -> int:
+        """The declared length of a body that may be received right into its place; 0: it is short."""
+        declared = checked_length(request, self._max_bytes)
+        return declared if declared >= LONG_BYTES else 0
+
     def release(self, body: Body, caller: str = "") -> None:
         """Take a body out of the count of all bodies."""
         self._budget.give_back(owners_of_body(caller), len(body))
 
 
-async def _long(request: Request, declared: int, arrived: Arrived) -> Body:
+async def _long(receive_into: ReceiveInto, declared: int, arrived: Arrived) -> Body:
     """A body in memory of its declared length. The system provides that memory as the bytes arrive."""
     try:
         buffer = np.empty(declared, np.uint8).data
     except MemoryError:
         raise Overloaded("there is no memory for the body: try again") from None
-    await request.scope["extensions"][RECEIVE_INTO](buffer, arrived)
+    await receive_into(buffer, arrived)
     return buffer
 
 
@@ -138,6 +151,54 @@ def checked_length(request: Request, max_bytes: int) -> int:
     return declared
 
 
+class PermissionChecks:
+    """Checks the permission of a request again and again while its body arrives."""
+
+    def __init__(self, scope: Scope) -> None:
+        self._scope = scope
+        self._checked_at = time.monotonic()
+
+    async def check(self) -> None:
+        """Check the permission, if the last time is long ago.
+
+        Raises:
+            FirstfixError: it has ended.
+        """
+        permission: Permission | None = self._scope.get("state", {}).get("permission")
+        if permission is not None and time.monotonic() - self._checked_at >= CHECK_S:
+            await permission.check()
+            self._checked_at = time.monotonic()
+
+    async def receive_into(self, receive_into: ReceiveInto, buffer: memoryview, arrived: Arrived) -> None:
+        """Receive a long body, as ``receive_into``, while the permission lasts."""
+        refusal: list[Exception] = []
+        own = asyncio.current_task()
+        assert own is not None
+
+        async def go_on_checking() -> None:
+            try:
+                while True:
+                    await self.check()
+                    await asyncio.sleep(CHECK_S)
+            except Exception as error:
+                refusal.append(error)
+                own.cancel()
+
+        checking: list[asyncio.Task[None]] = []  # most bodies have come before the first check
+        loop = asyncio.get_running_loop()
+        timer = loop.call_later(CHECK_S, lambda: checking.append(loop.create_task(go_on_checking())))
+        try:
+            await receive_into(buffer, arrived)
+        except asyncio.CancelledError:
+            if not refusal or own.uncancel():  # cancelled by somebody else, too
+                raise
+            raise refusal[0] from None
+        finally:
+            timer.cancel()
+            for task in checking:
+                task.cancel()
+
+
 class WhilePermitted:
     """ASGI middleware that raises in the reader of a request body when the permission has ended."""
 
@@ -146,53 +207,18 @@ class WhilePermitted:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve a request."""
-        checked_at = time.monotonic()
-
-        async def check() -> None:
-            nonlocal checked_at
-            permission: Permission | None = scope.get("state", {}).get("permission")
-            if permission is not None and time.monotonic() - checked_at >= CHECK_S:
-                await permission.check()
-                checked_at = time.monotonic()
+        checks = PermissionChecks(scope)
 
         async def receive_while_permitted() -> Message:
             message = await receive()
             if message["type"] == "http.request":
-                await check()
+                await checks.check()
             return message
-
-        async def receive_into_while_permitted(buffer: memoryview, arrived: Arrived) -> None:
-            refusal: list[Exception] = []
-            own = asyncio.current_task()
-            assert own is not None
-
-            async def go_on_checking() -> None:
-                try:
-                    while True:
-                        await check()
-                        await asyncio.sleep(CHECK_S)
-                except Exception as error:
-                    refusal.append(error)
-                    own.cancel()
-
-            checking: list[asyncio.Task[None]] = []  # most bodies have come before the first check
-            loop = asyncio.get_running_loop()
-            timer = loop.call_later(CHECK_S, lambda: checking.append(loop.create_task(go_on_checking())))
-            try:
-                await receive_into(buffer, arrived)
-            except asyncio.CancelledError:
-                if not refusal or own.uncancel():  # cancelled by somebody else, too
-                    raise
-                raise refusal[0] from None
-            finally:
-                timer.cancel()
-                for task in checking:
-                    task.cancel()
 
         extensions = scope.get("extensions", {})
         if RECEIVE_INTO in extensions:
-            receive_into: ReceiveInto = extensions[RECEIVE_INTO]
-            scope["extensions"] = {**extensions, RECEIVE_INTO: receive_into_while_permitted}
+            receive_into = partial(checks.receive_into, extensions[RECEIVE_INTO])
+            scope["extensions"] = {**extensions, RECEIVE_INTO: receive_into}
         await self._app(scope, receive_while_permitted, send)
 
 
