@@ -20,6 +20,7 @@ NB_MODULE(FIRSTFIX_MODULE, module) {
   firstfix::python::bind_places(module);
   firstfix::python::bind_retrieval(module);
   firstfix::python::bind_scan(module);
+  firstfix::python::bind_condense(module);
   firstfix::python::bind_ranking(module);
   firstfix::python::bind_search(module);
   firstfix::python::bind_map_search(module);

@@ -6,6 +6,7 @@
 namespace firstfix::python {
 
 void bind_changes(nanobind::module_& module);
+void bind_condense(nanobind::module_& module);
 void bind_descriptor(nanobind::module_& module);
 void bind_map_search(nanobind::module_& module);
 void bind_mesh(nanobind::module_& module);

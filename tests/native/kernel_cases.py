@@ -69,6 +69,13 @@ def _seen_surface(native: Any) -> Any:
     return seen.means()
 
 
+def _condensed(native: Any) -> Any:
+    points, nearest_m, time_s, (occupancy, up, height_m) = native.condensed(
+        FEW, TIMES, 0.5, 30.0, 0.3, 1.0, (20, 60, 40.0, EDGES_M), None, 400
+    )
+    return points, nearest_m, time_s, occupancy, up, height_m
+
+
 def _cast(native: Any) -> Any:
     tree = native.TriangleTree(FEW, np.arange(3000, dtype=np.uint32).reshape(-1, 3))
     order = native.bundle_rays(NORMALS)
@@ -347,6 +354,8 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "voxel_mean_times, double": lambda n: n.voxel_mean_times(FEW.astype(np.float64), TIMES, 0.9, 0.1),
     "nearest_by_direction": lambda n: n.nearest_by_direction(STREET),
     "least_of_neighbours": lambda n: n.least_of_neighbours(n.nearest_by_direction(STREET).reshape(90, 180)),
+    "condensed": lambda n: n.condensed(STREET, None, 0.5, 30.0, 0.3, 1.0, None, None, 900)[:2],
+    "condensed, described": _condensed,
     "flat_patches": lambda n: n.flat_patches(n.voxel_means(STREET, 0.3), 0.9),
     "surface_normals": lambda n: n.surface_normals(FEW, -FEW),
     "surface_normals, two faces": lambda n: n.surface_normals(FEW, NORMALS, True),

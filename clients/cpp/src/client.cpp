@@ -126,7 +126,9 @@ std::vector<MapInfo> Client::maps() {
 Bytes compact_body(CompactScan scan) {
   Bytes body = encode_query(scan);
   while (body.size() >= kMaxCompactBytes && scan.points.size() > kFewestPoints) {
-    scan.points = detail::at_most(scan.points, scan.points.size() * 9 / 10);
+    const std::size_t fewer = scan.points.size() * 9 / 10;
+    scan.points = detail::at_most(scan.points, fewer);
+    if (scan.time_s) scan.time_s = detail::at_most(*scan.time_s, fewer);
     body = encode_query(scan);
   }
   return body;

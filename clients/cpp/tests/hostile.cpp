@@ -151,6 +151,8 @@ void calls() {
   }
   check(encode_query(condense(rich)).size() > 10'000, "the scan is rich");
   check(compact_body(condense(rich)).size() < 10'000, "a rich scan is thinned until it fits");
+  rich.time_s.emplace(rich.points.size(), 0.01F);
+  check(compact_body(condense(rich)).size() < 10'000, "and so are its times");
 }
 
 // Damaged files of the example's reader.

@@ -186,6 +186,8 @@ def refined_up(normals: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), 
 @overload
 def refined_up(normals: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu', writable=False)], up: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C', device='cpu', writable=False)]) -> NDArray[numpy.float64]: ...
 
+def condensed(points: NDArray[numpy.float32], time_s: NDArray[numpy.float32] | None, min_range_m: float, max_range_m: float, voxel_m: float, default_height_m: float, descriptor: tuple[int, int, float, NDArray[numpy.float32]] | None, gravity: NDArray[numpy.float64] | None, most: int) -> tuple[NDArray[numpy.float32], NDArray[numpy.float32], NDArray[numpy.float32] | None, tuple[NDArray[numpy.uint8], NDArray[numpy.float64], float] | None]: ...
+
 STACKED_WITHIN_M: float = 2.0
 
 STOREY_M: float = 1.5

@@ -8,13 +8,14 @@ quality as all of them, so probabilities stay comparable. Larger voxels would no
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..bit_exact.accelerated import accelerated
 from ..bit_exact.eigh3 import smallest_eigenvectors
-from ..descriptor import LayeredOccupancy, ScanBatch
+from ..descriptor import LayeredOccupancy, PolarGrid, ScanBatch
 from ..errors import InvalidOption
 from .compact import MAX_COMPACT_POINTS, CompactScan, ScanDescriptor
 from .descriptor_parameters import DescriptorParameters
@@ -28,6 +29,9 @@ _VOXELLED = 40_000  # points whose voxels are averaged: more points reach hardly
 _PATCH_VOXELS = 3.0  # edge, in voxels, of the cubes in which a surface normal is computed
 _PATCH_POINTS = 4  # voxel means in a cube, at least
 _FLAT = 100.0  # variance along a patch over that across it, at least: less flat patches have no clear normal
+
+_Numbers: TypeAlias = "tuple[int, int, float, NDArray[np.float32]]"
+_Described: TypeAlias = "tuple[NDArray[np.uint8], NDArray[np.float64], float]"
 
 
 def condense(
@@ -45,20 +49,62 @@ def condense(
         points: largest number of voxel means to keep.
 
     Raises:
-        InvalidOption: ``points`` is out of range.
+        InvalidOption: ``points`` or a parameter is out of range, or gravity has no direction.
     """
     if not 1 <= points <= MAX_COMPACT_POINTS:
         raise InvalidOption(f"a compact query has 1 to {MAX_COMPACT_POINTS} points, not {points}")
     used = parameters or DescriptorParameters()
-    timed = TimedPoints(scan.points, scan.time_s).within_range(used.min_range_m, used.max_range_m)
-    means, near = timed.at_most(_VOXELLED).voxel_means(used.voxel_m), timed.points
+    used.check()
+    descriptor = used.descriptor
+    means, nearest_m, time_s, described = condensed(
+        scan.points,
+        scan.time_s,
+        used.min_range_m,
+        used.max_range_m,
+        used.voxel_m,
+        used.default_height_m,
+        None if descriptor is None else _numbers_of(descriptor),
+        None if gravity is None else _checked(gravity),
+        points,
+    )
+    if descriptor is None or described is None:
+        return CompactScan(means, nearest_m, None, time_s)
+    return CompactScan(means, nearest_m, ScanDescriptor(descriptor, *described), time_s)
+
+
+@accelerated
+def condensed(
+    points: NDArray[np.float32],
+    time_s: NDArray[np.float32] | None,
+    min_range_m: float,
+    max_range_m: float,
+    voxel_m: float,
+    default_height_m: float,
+    descriptor: _Numbers | None,
+    gravity: NDArray[np.float64] | None,
+    most: int,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32] | None, _Described | None]:
+    """The parts of a compact scan: voxel means, nearest ranges by direction, mean times, description.
+
+    Args:
+        points: (n, 3) usable points.
+        time_s: (n,) their times, or None.
+        descriptor: rings, sectors, radius in metres and (layers + 1,) edges of the layers; None: the scan
+            is not described.
+        most: number of voxel means, at most.
+
+    Returns:
+        (m, 3) means; (cells,) ranges; (m,) times, or None; occupancy, (3,) up and height in metres, or None.
+    """
+    timed = TimedPoints(points, time_s).within_range(min_range_m, max_range_m)
+    means, near = timed.at_most(_VOXELLED).voxel_means(voxel_m), timed.points
     described = None
-    if used.descriptor is not None:
+    if descriptor is not None:
         exact = np.asarray(means.points, np.float64)
-        described = _describe(near, exact, used, used.descriptor, gravity)
-    chosen = means.by_voxel_hash(used.voxel_m, points)
+        described = _describe(near, exact, voxel_m, default_height_m, _descriptor_of(descriptor), gravity)
+    chosen = means.by_voxel_hash(voxel_m, most)
     nearest_m = nearest_by_direction(at_most(near, _RETURNS))
-    return CompactScan(chosen.points, nearest_m, described, chosen.time_s)
+    return chosen.points, nearest_m, chosen.time_s, described
 
 
 def describe(
@@ -67,37 +113,59 @@ def describe(
     """The descriptor of a scan alone, for candidates without registration.
 
     Raises:
-        InvalidOption: the parameters have no descriptor.
+        InvalidOption: the parameters have no descriptor, one is out of range, or gravity has no direction.
     """
     if parameters.descriptor is None:
         raise InvalidOption("a descriptor needs the map's parameters: see DescriptorParameters.from_engine")
+    parameters.check()
     near = within_range(scan.points, parameters.min_range_m, parameters.max_range_m)
     means = voxel_means(at_most(near, _VOXELLED), parameters.voxel_m, BORDER_M)
-    return _describe(near, means, parameters, parameters.descriptor, gravity)
+    descriptor, height_m = parameters.descriptor, parameters.default_height_m
+    against = None if gravity is None else _checked(gravity)
+    return ScanDescriptor(
+        descriptor, *_describe(near, means, parameters.voxel_m, height_m, descriptor, against)
+    )
 
 
 def _describe(
     near: NDArray[np.float32],
     means: NDArray[np.float64],
-    parameters: DescriptorParameters,
+    voxel_m: float,
+    default_height_m: float,
     descriptor: LayeredOccupancy,
     gravity: NDArray[np.float64] | None,
-) -> ScanDescriptor:
-    patches, normals = flat_patches(means, _PATCH_VOXELS * parameters.voxel_m)
-    up = estimate_up(normals) if gravity is None else _against(gravity)
+) -> _Described:
+    patches, normals = flat_patches(means, _PATCH_VOXELS * voxel_m)
+    up = estimate_up(normals) if gravity is None else -gravity / _length(gravity)
     up = up.astype(np.float32).astype(np.float64)  # as it is sent: no result depends on further digits
     R_level_sensor = levelling_rotation(up)
     height_m = floor_height(turned(patches, R_level_sensor), turned(normals, R_level_sensor))
     if height_m is None:
-        height_m = parameters.default_height_m
+        height_m = default_height_m
     levelled = ScanBatch.single(turned(near, R_level_sensor), height_m)
-    occupancy = descriptor.describe(levelled)["occupancy"][0]
-    return ScanDescriptor(descriptor, occupancy, up, height_m)
+    return descriptor.describe(levelled)["occupancy"][0], up, height_m
 
 
-def _against(gravity: NDArray[np.float64]) -> NDArray[np.float64]:
-    x, y, z = (float(v) for v in gravity)
-    return -gravity / math.sqrt(x * x + y * y + z * z)
+def _numbers_of(descriptor: LayeredOccupancy) -> _Numbers:
+    grid = descriptor.grid
+    return grid.rings, grid.sectors, grid.max_range_m, np.asarray(descriptor.edges_m, np.float32)
+
+
+def _descriptor_of(numbers: _Numbers) -> LayeredOccupancy:
+    rings, sectors, max_range_m, edges_m = numbers
+    return LayeredOccupancy(PolarGrid(rings, sectors, max_range_m), tuple(edges_m.tolist()))
+
+
+def _checked(gravity: NDArray[np.float64]) -> NDArray[np.float64]:
+    direction = np.asarray(gravity, np.float64)
+    if direction.shape != (3,) or not 1e-6 <= _length(direction) <= 1e9:
+        raise InvalidOption("gravity has no direction")
+    return direction
+
+
+def _length(vector: NDArray[np.float64]) -> float:
+    x, y, z = (float(v) for v in vector)
+    return math.sqrt(x * x + y * y + z * z)
 
 
 @accelerated

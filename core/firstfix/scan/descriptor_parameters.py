@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 from ..descriptor import LayeredOccupancy, PolarGrid
-from ..errors import UnsupportedFormat
+from ..errors import InvalidOption, UnsupportedFormat
+
+_MAX_M = 1e4
 
 
 @dataclass(frozen=True)
@@ -54,3 +57,31 @@ class DescriptorParameters:
             )
         except (KeyError, TypeError, ValueError) as error:
             raise UnsupportedFormat(f"malformed engine of a map: {error!r}") from None
+
+    def check(self) -> None:
+        """Refuse values that no map has, before anything is computed with them.
+
+        Raises:
+            InvalidOption: a value is out of range.
+        """
+        usable = (
+            0 <= self.min_range_m <= _MAX_M
+            and 0 < self.max_range_m <= _MAX_M
+            and 0.01 <= self.voxel_m <= 10
+            and abs(self.default_height_m) <= 100
+            and (self.descriptor is None or _is_usable(self.descriptor))
+        )
+        if not usable:
+            raise InvalidOption("a descriptor parameter is out of range")
+
+
+def _is_usable(descriptor: LayeredOccupancy) -> bool:
+    grid, edges_m = descriptor.grid, descriptor.edges_m
+    return (
+        1 <= grid.rings <= 200
+        and 1 <= grid.sectors <= 720
+        and 0.01 <= grid.max_range_m <= 1000
+        and 2 <= len(edges_m) <= 17
+        and all(abs(edge) <= 1e6 for edge in edges_m)
+        and all(low < high for low, high in pairwise(edges_m))
+    )

@@ -52,6 +52,7 @@ from __future__ import annotations
 
 import math
 import struct
+import threading
 from itertools import pairwise
 
 import numpy as np
@@ -90,6 +91,16 @@ _MAX_LAYERS, _MAX_RINGS, _MAX_SECTORS = 16, 200, 720
 _ZSTD_LEVEL = 12
 
 
+class _KeptCompressor(threading.local):
+    """Compressor of each thread: its tables, got from the system anew, cost a query more than the work."""
+
+    def __init__(self) -> None:
+        self.compressor = zstandard.ZstdCompressor(level=_ZSTD_LEVEL)
+
+
+_kept = _KeptCompressor()
+
+
 def encode_query(query: CompactScan | ScanDescriptor, *, resolution_m: float = 0.02) -> bytes:
     """Encode a query. Decoded points are accurate to half the resolution, and sorted by cell.
 
@@ -108,7 +119,7 @@ def encode_query(query: CompactScan | ScanDescriptor, *, resolution_m: float = 0
     if query.time_s is not None:
         parts, body = (
             parts | TIMES,
-            body + Times.of(query.time_s, len(query.points)).at(order).encode(_compressor()),
+            body + Times.of(query.time_s, len(query.points)).at(order).encode(_kept.compressor),
         )
     return _HEADER.pack(MAGIC, VERSION, parts, 0) + body
 
@@ -152,9 +163,8 @@ def _compact_bytes(query: CompactScan, resolution_m: float) -> tuple[bytes, NDAr
     (lowest, size), apart, low, order = compact_planes(query.points, resolution_m)
     if np.abs(lowest).max() > 32_767 or size.max() > 65_535 or math.prod(size.tolist()) > 1 << 32:
         raise InvalidScan(f"the points are too far apart for steps of {resolution_m:g} m")
-    compressor = zstandard.ZstdCompressor(level=_ZSTD_LEVEL)
-    planes = compressor.compress(apart.tobytes())
-    ranges = compressor.compress(_range_bytes(query.nearest_m).tobytes())
+    planes = _compressed(apart)
+    ranges = _compressed(_range_bytes(query.nearest_m))
     head = _COMPACT.pack(resolution_m, n, *lowest, *size, len(planes), len(ranges))
     return head + planes + ranges + low.tobytes(), order
 
@@ -207,7 +217,7 @@ def levels_of_ranges(nearest_m: NDArray[np.float32], edges_m: NDArray[np.float32
 
 
 def _descriptor_bytes(described: ScanDescriptor) -> bytes:
-    descriptor, frame = described.descriptor, _compressed(described.occupancy.tobytes())
+    descriptor, frame = described.descriptor, _compressed(described.occupancy)
     grid, edges_m = descriptor.grid, descriptor.edges_m
     head = _DESCRIPTOR.pack(
         _OCCUPANCY,
@@ -319,9 +329,5 @@ def _read_descriptor(rest: FrameReader) -> ScanDescriptor:
     return ScanDescriptor(descriptor, occupancy, np.array(up) / length, height_m)
 
 
-def _compressed(content: bytes) -> bytes:
-    return _compressor().compress(content)
-
-
-def _compressor() -> zstandard.ZstdCompressor:
-    return zstandard.ZstdCompressor(level=_ZSTD_LEVEL)
+def _compressed(content: NDArray[np.uint8]) -> bytes:
+    return _kept.compressor.compress(content.tobytes())

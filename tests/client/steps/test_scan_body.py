@@ -16,6 +16,7 @@ from firstfix.wire import query as wire_query
 from firstfix.wire import scan as wire
 from firstfix.wire import sequence as wire_sequence
 from firstfix_client.steps.scan_body import MAX_COMPACT_BYTES, BodyForm, encoded
+from tests.every_case import every_case
 
 POINTS = np.random.default_rng(0).uniform(-9, 9, (40, 3)).astype(np.float32)
 PARAMETERS = DescriptorParameters(descriptor=LayeredOccupancy(PolarGrid(20, 60, 25.0)))
@@ -58,13 +59,14 @@ def test_several_scans_go_with_the_way_between_them():
     assert np.allclose(received.T_last_scan, sequence.T_last_scan)
 
 
-def test_a_compact_query_stays_under_its_limit():
+@every_case("is_timed", [False, True])
+def test_a_compact_query_stays_under_its_limit(is_timed: bool):
     """Returns a scan with random ranges, which hardly compresses."""
     rng = np.random.default_rng(2)
     azimuth, elevation = rng.uniform(-np.pi, np.pi, 100_000), rng.uniform(-0.35, 0.35, 100_000)
     across = rng.uniform(1, 50, 100_000) * np.cos(elevation)
     band = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), across * np.tan(elevation)], axis=1)
-    scan = Scan.from_points(band)
+    scan = Scan.from_points(band, time_s=rng.uniform(0, 0.1, 100_000) if is_timed else None)
     as_it_is = condense(scan)
     assert len(wire_query.encode_query(as_it_is)) > MAX_COMPACT_BYTES
     media_type, body = encoded(scan, BodyForm("compact"))
@@ -73,6 +75,7 @@ def test_a_compact_query_stays_under_its_limit():
     assert isinstance(query, CompactScan)
     assert len(body) < MAX_COMPACT_BYTES
     assert 500 < len(query) < len(as_it_is)
+    assert (query.time_s is not None) == is_timed
 
 
 def test_gravity_levels_the_descriptor():

@@ -130,6 +130,7 @@ def _compact_body(scan: CompactScan) -> bytes:
     body = wire_query.encode_query(scan)
     while len(body) >= MAX_COMPACT_BYTES and len(scan) > MIN_POINTS:
         kept = rows_by_chance(len(scan), len(scan) * 9 // 10)
-        scan = replace(scan, points=scan.points[kept])
+        time_s = None if scan.time_s is None else scan.time_s[kept]
+        scan = replace(scan, points=scan.points[kept], time_s=time_s)
         body = wire_query.encode_query(scan)
     return body

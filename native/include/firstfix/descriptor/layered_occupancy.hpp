@@ -34,17 +34,16 @@ inline bool usable(const LayeredOccupancy& d) {
   return ok;
 }
 
-// Bits of the occupied cells of a scan that R brings to its levelled frame.
-inline std::vector<std::uint8_t> occupancy(const std::vector<Point>& points, const Matrix3& R, float height_m,
+// Bits of the occupied cells of (count, 3) points that R brings to its levelled frame.
+inline std::vector<std::uint8_t> occupancy(const float* points, std::size_t count, const Matrix3& R, float height_m,
                                            const LayeredOccupancy& d) {
-  static_assert(sizeof(Point) == 3 * sizeof(float), "points are read as rows of three floats");
   const std::vector<float> edges_m(d.layer_edges_m.begin(), d.layer_edges_m.end());
   const LayeredGrid grid = LayeredGrid::of(d.rings, d.sectors, d.max_range_m, edges_m);
   Rotation rotation;
   for (std::size_t i = 0; i < 9; ++i) rotation[i] = static_cast<float>(R[i / 3][i % 3]);
-  const std::int64_t start[] = {0, static_cast<std::int64_t>(points.size())};
+  const std::int64_t start[] = {0, static_cast<std::int64_t>(count)};
   std::vector<std::uint8_t> bits(grid.bytes());
-  occupied_cells(points.empty() ? nullptr : &points.front().x, start, &height_m, 1, &rotation, grid, bits.data());
+  occupied_cells(points, start, &height_m, 1, &rotation, grid, bits.data());
   return bits;
 }
 

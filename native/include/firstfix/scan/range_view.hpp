@@ -126,14 +126,4 @@ inline RangeView range_view(const float* nearest_m) {
   return view;
 }
 
-namespace detail {
-
-// The nearest range in every direction, infinite where there is no return.
-inline std::vector<float> nearest_by_direction(const std::vector<Point>& points) {
-  std::vector<float> nearest(kDirections, std::numeric_limits<float>::infinity());
-  firstfix::nearest_by_direction(numbers_of(points), points.size(), nearest.data());
-  return nearest;
-}
-
-}  // namespace detail
 }  // namespace firstfix

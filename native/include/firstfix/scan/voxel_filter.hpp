@@ -208,14 +208,6 @@ std::vector<double> voxel_mean_times(const T* points, const float* time_s, std::
 
 namespace detail {
 
-// Usable points between two distances from the origin.
-inline std::vector<Point> within_range(const std::vector<Point>& points, double min_range_m, double max_range_m) {
-  std::vector<Point> kept(points.size());
-  kept.resize(firstfix::within_range(numbers_of(points), points.size(), min_range_m, max_range_m, numbers_of(kept)));
-  kept.erase(std::remove_if(kept.begin(), kept.end(), [](const Point& p) { return !usable(p); }), kept.end());
-  return kept;
-}
-
 // At most `count` of the points, in their order: see rows_by_chance.
 template <typename T>
 std::vector<T> at_most(const std::vector<T>& points, std::size_t count) {
@@ -228,14 +220,6 @@ std::vector<T> at_most(const std::vector<T>& points, std::size_t count) {
 
 inline std::vector<std::int64_t> first_in_voxel(const std::vector<Point>& points, double voxel_m) {
   return firstfix::first_in_voxel(numbers_of(points), points.size(), voxel_m);
-}
-
-// The voxels have a border at kBorderM.
-inline std::vector<Vector3> voxel_means(const std::vector<Point>& points, double voxel_m) {
-  const std::vector<double> means = firstfix::voxel_means(numbers_of(points), points.size(), voxel_m, kBorderM);
-  std::vector<Vector3> vectors(means.size() / 3);
-  std::copy(means.begin(), means.end(), numbers_of(vectors));
-  return vectors;
 }
 
 }  // namespace detail

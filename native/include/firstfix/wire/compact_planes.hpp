@@ -1,7 +1,6 @@
 // Encoding of a compact query: from points and ranges to the bytes that are compressed then.
 #pragma once
 
-#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -10,6 +9,7 @@
 #include <vector>
 
 #include "firstfix/scan/cell_box.hpp"
+#include "firstfix/scan/voxel_order.hpp"
 #include "firstfix/wire/bytes.hpp"
 #include "firstfix/wire/planes.hpp"
 
@@ -23,7 +23,7 @@ struct CompactPlanes {
   Bytes low;                // 12 bits for each point: its place in its cell
 };
 
-// Encodes (count, 3) coordinates of at most 1000 m; count < 2 ** 14, and a step is 5 mm at least: no number overflows.
+// Encodes (count, 3) coordinates of at most 1000 m; a step is 4 mm at least: no number overflows.
 inline CompactPlanes compact_planes(const float* points, std::size_t count, double resolution_m) {
   std::vector<detail::Cell> steps(count), cells(count);
   for (std::size_t i = 0; i < count; ++i) {
@@ -34,16 +34,22 @@ inline CompactPlanes compact_planes(const float* points, std::size_t count, doub
     }
   }
   CompactPlanes made{detail::CellBox::around(cells), {}, {}, {}};
-  std::vector<std::uint64_t> by_cell(count);  // the cell's number, then the row: equal cells keep their order
-  for (std::size_t i = 0; i < count; ++i) by_cell[i] = static_cast<std::uint64_t>(made.box.number(cells[i])) << 14U | i;
-  std::sort(by_cell.begin(), by_cell.end());
+  std::vector<detail::KeyedRow<std::uint64_t>> by_cell(count);  // equal cells keep their order
+  std::uint64_t any = 0;  // the bits of all numbers
+  for (std::size_t i = 0; i < count; ++i) {
+    by_cell[i] = {static_cast<std::uint64_t>(made.box.number(cells[i])), static_cast<std::uint32_t>(i)};
+    any |= by_cell[i].key;
+  }
+  unsigned bits = 0;
+  while (any >> bits != 0) ++bits;
+  detail::sort_by_key(by_cell, bits);
   std::vector<std::uint32_t> apart(count);
   made.order.resize(count);
   made.low.resize(3 * ((count + 1) / 2));
   std::uint64_t before = 0;
   for (std::size_t k = 0; k < count; ++k) {
-    const std::uint64_t number = by_cell[k] >> 14U;
-    const std::size_t row = by_cell[k] & 0x3fffU;
+    const std::uint64_t number = by_cell[k].key;
+    const std::size_t row = by_cell[k].row;
     made.order[k] = static_cast<std::int64_t>(row);
     apart[k] = static_cast<std::uint32_t>(number - before);
     before = number;
