@@ -25,13 +25,13 @@ using PriorNumbers = std::tuple<PoseArray, In<double, nb::shape<3>>, double, dou
 inline std::vector<PoseMatrix> finite_poses_of(const Poses& poses) {
   const double* const numbers = poses.data();
   const bool is_finite =
-      std::all_of(numbers, numbers + 16 * poses.shape(0), [](double number) { return std::fabs(number) < 1e9; });
+      std::all_of(numbers, numbers + 16 * poses.shape(0), [](double number) { return std::fabs(number) <= 1e9; });
   require(is_finite, "a pose is not finite, or too far away");
   return poses_of(poses);
 }
 
 inline PoseMatrix finite_pose_of(const PoseArray& pose) {
-  const bool is_finite = std::all_of(pose.data(), pose.data() + 16, [](double number) { return std::fabs(number) < 1e9; });
+  const bool is_finite = std::all_of(pose.data(), pose.data() + 16, [](double number) { return std::fabs(number) <= 1e9; });
   require(is_finite, "a pose is not finite, or too far away");
   return pose_of(pose);
 }

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from firstfix.answer.localization import Localization, Verdict
-from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.options import MAX_NUMBER, LocalizeOptions
 from firstfix.builds.config import PerturbConfig
 from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.index import MapIndex
@@ -111,8 +111,9 @@ def test_a_given_gravity_is_used(localizer, small_scans):
     assert pose_error(T, answer.hypotheses[0].T_map_sensor)[0] < 0.05
 
 
-def test_base_pose_follows_from_the_mounting(localizer, small_scans):
-    T_base_sensor = make_transform(rotation_z(0.3), [0.2, 0, 0.6])
+@pytest.mark.parametrize("ahead_m", [0.2, MAX_NUMBER])
+def test_base_pose_follows_from_the_mounting(localizer, small_scans, ahead_m):
+    T_base_sensor = make_transform(rotation_z(0.3), [ahead_m, 0, 0.6])
     answer = localizer.localize(small_scans[1][0], LocalizeOptions(T_base_sensor=T_base_sensor))
     assert answer.verdict is Verdict.LOCALIZED
     assert np.allclose(answer.T_map_base, answer.T_map_sensor @ inverse(T_base_sensor))
