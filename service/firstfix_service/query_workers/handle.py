@@ -102,10 +102,10 @@ class QueryWorkerHandle:
         if not self._query_lock.acquire(blocking=False):
             reply.set_exception(QueryWorkerDied("it is being closed"))
             return reply
-        self._begin_to_read(loop)
         self._reply, self._body_bytes = reply, len(asked.body)
         self._timer = loop.call_later(self._query_timeout_s, self._stuck)
         try:
+            self._begin_to_read(loop)
             self._send(asked)
         except TooLarge as error:  # nothing was sent
             self._reply_ended(reply).set_exception(error)
