@@ -21,7 +21,7 @@ from firstfix.telemetry.redact import redactor
 from .request_scope import RequestScope, current_request
 
 MAX_BYTES = 4 << 20  # of lines that wait for the reader
-UNRENDERED_BYTES = 1 << 10  # that a line counts for before it is rendered
+UNRENDERED_BYTES = 1 << 10  # that a line counts for before it is rendered, besides its texts
 MAX_WRITE_BYTES = 64 << 10  # lines that are written together
 GATHER_S = 0.2  # in which lines are gathered for one write: each wakes a thread, beside the event loop
 LAST_LINES_WITHIN_S = 2.0  # of the process
@@ -78,7 +78,8 @@ class LogLines:
         """Write a line, at any level."""
         stream = self._handler.stream
         if isinstance(stream, LogStream) and "exc_info" not in line:  # a traceback holds what it names
-            stream.queue(partial(self._render, line), UNRENDERED_BYTES)
+            texts = sum(len(part) for part in line.values() if isinstance(part, str))
+            stream.queue(partial(self._render, line), UNRENDERED_BYTES + texts)
             return
         text = self._render(line) + "\n"
         assert self._handler.lock is not None
@@ -88,11 +89,15 @@ class LogLines:
 
     debug = warning = error = critical = info
 
-    def write_made(self, make: Callable[[], MutableMapping[str, Any]]) -> None:
-        """Write a line, at any level, that is made only where it is rendered."""
+    def write_made(self, make: Callable[[], MutableMapping[str, Any]], texts: int) -> None:
+        """Write a line, at any level, that is made only where it is rendered.
+
+        Args:
+            texts: characters of what a caller chose in it.
+        """
         stream = self._handler.stream
         if isinstance(stream, LogStream):
-            stream.queue(lambda: self._render(make()), UNRENDERED_BYTES)
+            stream.queue(lambda: self._render(make()), UNRENDERED_BYTES + texts)
         else:
             self.info(**make())
 
@@ -121,7 +126,8 @@ class RequestLines:
         if self._lines is None:
             self._log.log(level, "request", method=method, path=path, **scope.line(seconds))
         elif level >= self._lines.level:
-            self._lines.write_made(partial(self._line, scope, level, method, path, seconds, time.time()))
+            make = partial(self._line, scope, level, method, path, seconds, time.time())
+            self._lines.write_made(make, len(method) + len(path))
 
     def _line(
         self, scope: RequestScope, level: int, method: str, path: str, seconds: float, time_s: float
@@ -155,7 +161,7 @@ class LogStream:
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
-        self._waiting: SimpleQueue[bytes | Callable[[], str]] = SimpleQueue()
+        self._waiting: SimpleQueue[tuple[bytes | Callable[[], str], int]] = SimpleQueue()
         self._waiting_bytes = 0  # with those that are being written
         self._lost = 0
         self._lock = threading.Lock()
@@ -180,7 +186,7 @@ class LogStream:
                 self._lost += 1
             else:
                 self._waiting_bytes += size
-                self._waiting.put(line)
+                self._waiting.put((line, size))
 
     def flush(self) -> None:
         """Do nothing: the thread writes as fast as the reader takes it."""
@@ -192,26 +198,26 @@ class LogStream:
 
     def _run(self) -> None:
         while True:
-            line: bytes | Callable[[], str] | None = self._waiting.get()
+            first: tuple[bytes | Callable[[], str], int] | None = self._waiting.get()
             time.sleep(GATHER_S)
-            while line is not None:
-                lines, size = self._with_more(line)
+            while first is not None:
+                lines, size = self._with_more(*first)
                 self._write(lines)
                 with self._written:
                     self._waiting_bytes -= size
                     self._written.notify_all()
-                line = None if self._waiting.empty() else self._waiting.get()
+                first = None if self._waiting.empty() else self._waiting.get()
 
-    def _with_more(self, line: bytes | Callable[[], str]) -> tuple[bytes, int]:
+    def _with_more(self, line: bytes | Callable[[], str], size: int) -> tuple[bytes, int]:
         """A line and the next ones, with one about lost lines, and the bytes that were counted for them."""
         lines: list[bytes] = []
-        size = lost = 0
+        lost = 0
         while True:
-            size += len(line) if isinstance(line, bytes) else UNRENDERED_BYTES
             lines.append(line if isinstance(line, bytes) else _rendered(line))
             if size > MAX_WRITE_BYTES or self._waiting.empty():
                 break
-            line = self._waiting.get()
+            line, more = self._waiting.get()
+            size += more
         with self._lock:
             if self._waiting.empty():
                 lost, self._lost = self._lost, 0

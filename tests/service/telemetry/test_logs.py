@@ -27,7 +27,7 @@ from firstfix_service.builds.process import last_message
 from firstfix_service.settings import Settings
 from firstfix_service.startup.settings_summary import settings_summary, without_secrets
 from firstfix_service.telemetry import log_lines
-from firstfix_service.telemetry.log_lines import MAX_BYTES, LogStream
+from firstfix_service.telemetry.log_lines import MAX_BYTES, LogLines, LogStream
 from firstfix_service.telemetry.log_setup import set_up_logging
 from tests.service.json_log import JsonLog, json_log
 from tests.service.service_world import SCAN_BODY, XYZ, Service, free_port, is_ready, running_service, served
@@ -268,6 +268,23 @@ def test_a_stopped_reader_delays_no_writer(pipe: tuple[int, int]):
     assert "log lines were lost" in told[0]
     kept = len(read) - 1
     assert MAX_BYTES // len(line) <= kept < 2 * MAX_BYTES // len(line)
+
+
+def test_lines_that_wait_to_be_rendered_count_with_their_texts(pipe: tuple[int, int]):
+    stream = LogStream(pipe[1])
+    lines = LogLines("test", logging.StreamHandler(stream), json.dumps, logging.INFO)
+    text = "x" * 99_999
+    for _ in range(2 * MAX_BYTES // len(text)):
+        lines.info(event=text)
+        lines.write_made(lambda: {"event": text}, len(text))
+    read: list[str] = []
+    reading = threading.Thread(target=lambda: read.extend(read_all(pipe[0])))
+    reading.start()
+    stream.drain(LIMIT_S)
+    os.close(pipe[1])
+    reading.join()
+    kept = sum(text in one for one in read)
+    assert 0 < kept < 2 * MAX_BYTES // len(text)
 
 
 def test_a_drain_ends_without_a_reader(pipe: tuple[int, int]):
