@@ -159,7 +159,7 @@ class Page:
         self.js("globalThis.isClicked = false")
 
         def click() -> Any:
-            x, y, width, height = box = self.box(selector, words)
+            box = self.box(selector, words)
             self.js("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
             # The page may have put another element in its place since the last try.
             self.js(
@@ -168,7 +168,13 @@ class Page:
             )
             if self.box(selector, words) != box:
                 return False
-            self.click_at(x + width / 2, y + height / 2)
+            # A link over two lines may have nothing in the middle of both.
+            middle = self.js(
+                f"{{ const [line] = {found}?.getClientRects() ?? [];"
+                " line && [line.x + line.width / 2, line.y + line.height / 2]; }"
+            )
+            if middle:
+                self.click_at(*middle)
             return self.js("isClicked")
 
         wait_until(click, LIMIT_S, f"click on {selector} {words!r}")

@@ -15,6 +15,7 @@ from typing import Any
 import httptools
 from starlette.requests import ClientDisconnect
 from uvicorn.protocols.http.flow_control import HIGH_WATER_LIMIT
+from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
 
 from ..limits.connections import Connections, ConnectionUse, EndReason
 from .exchange import Exchange
@@ -223,7 +224,7 @@ class LimitedHttpProtocol(RequestHeads):
         scope["extensions"] = extensions
         self._wait_for(Reading.BODY)
         if before is None or before.response_complete:
-            self._start_asgi_task(self.cycle, self.app)
+            self._start(self.cycle)
         else:
             self.flow.pause_reading()
             self.pipeline.appendleft((self.cycle, self.app))
@@ -251,6 +252,11 @@ class LimitedHttpProtocol(RequestHeads):
             cycle.keep_alive = self._keep_alive
         self._wait_for(Reading.BETWEEN)
 
+    def _start(self, cycle: RequestResponseCycle) -> None:
+        task = self.loop.create_task(cycle.run_asgi(self.app))
+        task.add_done_callback(self.tasks.discard)
+        self.tasks.add(task)
+
     def send_400_response(self, msg: str) -> None:
         """Answer a request that the parser refused."""
         self._refuse(*(self.refusal or (b"400 Bad Request", msg)))
@@ -268,7 +274,7 @@ class LimitedHttpProtocol(RequestHeads):
             if self.flow.read_paused:
                 self.flow.resume_reading()
             if self.pipeline:
-                self._start_asgi_task(*self.pipeline.pop())
+                self._start(self.pipeline.pop()[0])
         if self._is_half_closed and not self._answering:
             self.transport.close()
 

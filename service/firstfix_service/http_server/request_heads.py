@@ -27,6 +27,7 @@ class RequestHeads(HttpToolsProtocol):
     def __init__(self, *args: Any, limits: Limits, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self.limits = limits
+        self._asgi_version = self.config.asgi_version
         self.refusal: tuple[bytes, str] | None = None
         self._head_bytes = self._headers = 0
         self._is_in_head = True
@@ -38,7 +39,7 @@ class RequestHeads(HttpToolsProtocol):
         self.url, self.headers, self.expect_100_continue = b"", [], False
         self.scope = {  # type: ignore[typeddict-item]  # the rest comes with the whole head
             "type": "http",
-            "asgi": {"version": self.asgi_version, "spec_version": "2.3"},
+            "asgi": {"version": self._asgi_version, "spec_version": "2.3"},
             "http_version": "1.1",
             "server": self.server,
             "client": self.client,
