@@ -331,10 +331,10 @@ def test_a_link_opens_the_same_view(page, house):
     moved, link = _at_rest(page)
     assert difference(first, moved) > 0.05
     page.open(link)
-    assert difference(moved, page.map_picture()) < 0.02  # the link says millimetres
+    wait_until(lambda: difference(moved, page.map_picture()) < 0.02)  # the link says millimetres
     page.click("button", "Whole map")
     page.choose("Colour", "Height above the floor")
-    assert difference(first, page.map_picture()) < 0.01
+    wait_until(lambda: difference(first, page.map_picture()) < 0.01, what="the whole map")
 
 
 def test_a_distance_is_measured_between_two_clicks(page, world):
