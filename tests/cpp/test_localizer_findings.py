@@ -22,11 +22,9 @@ from firstfix.scan.scan import Scan
 from firstfix.wire.scan import decode_scan
 from tests.cpp.cpp_build import Build
 from tests.cpp.printed_answers import EXIT_CODES, PROGRAM, findings_of, printed, same, upside_down, written
-from tests.e2e.wrong_inputs import WRONG_INPUTS, RightScan
+from tests.e2e.wrong_inputs import MAP_POINTS, WRONG_INPUTS, RightScan
 from tests.ros_samples import cdr, cloud
 
-MAP_POINTS = 250_000
-FAR_M = 5.0  # from the map's origin, or a scan in the map's frame has its place at the sensor's
 _XYZ = [("x", "f4"), ("y", "f4"), ("z", "f4")]
 
 
@@ -38,12 +36,7 @@ def _time_for_all_forms(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def right(small_world, small_scans) -> RightScan:
-    import trimesh
-
-    scan, T = next(one for one in small_scans if np.linalg.norm(one[1][:2, 3]) > FAR_M)
-    mesh = trimesh.Trimesh(small_world.vertices, small_world.triangles, process=False)
-    map_points, _ = trimesh.sample.sample_surface(mesh, MAP_POINTS, seed=1)
-    return RightScan(scan.points.astype(np.float64), T, map_points)
+    return RightScan.of(small_world, small_scans)
 
 
 def points_of(file: bytes) -> NDArray[np.float32] | None:

@@ -29,19 +29,12 @@ from tests.waiting import LIMIT_S
 pytestmark = pytest.mark.timeout(600)
 
 TABLE = Path(__file__).with_name("wrong_inputs.json")
-MAP_POINTS = 250_000
-FAR_M = 5.0  # from the map's origin, or a scan in the map's frame has its place at the sensor's
 Row = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
 def right(small_world, small_scans) -> RightScan:
-    import trimesh
-
-    scan, T = next(one for one in small_scans if np.linalg.norm(one[1][:2, 3]) > FAR_M)
-    mesh = trimesh.Trimesh(small_world.vertices, small_world.triangles, process=False)
-    map_points, _ = trimesh.sample.sample_surface(mesh, MAP_POINTS, seed=1)
-    return RightScan(scan.points.astype(np.float64), T, map_points)
+    return RightScan.of(small_world, small_scans)
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,8 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.bit_exact.sample import rows_by_chance
+from firstfix.scan.scan import Scan
+from tests.small_world import SmallWorld
 
 Points = NDArray[np.float64]
+
+
+MAP_POINTS = 250_000
+FAR_M = 5.0  # from the map's origin, or a scan in the map's frame has its place at the sensor's
 
 
 @dataclass(frozen=True)
@@ -28,6 +34,20 @@ class RightScan:
     points: Points
     T_map_sensor: NDArray[np.float64]
     map_points: Points
+
+    @classmethod
+    def of(cls, world: SmallWorld, scans: Iterable[tuple[Scan, NDArray[np.float64]]]) -> RightScan:
+        """The first scan of a world that is far enough from the map's origin.
+
+        Args:
+            scans: each with its ``T_map_sensor``.
+        """
+        import trimesh
+
+        scan, T = next(one for one in scans if np.linalg.norm(one[1][:2, 3]) > FAR_M)
+        mesh = trimesh.Trimesh(world.vertices, world.triangles, process=False)
+        map_points, _ = trimesh.sample.sample_surface(mesh, MAP_POINTS, seed=1)
+        return cls(scan.points.astype(np.float64), T, map_points)
 
     @property
     def in_map(self) -> Points:

@@ -144,7 +144,7 @@ def test_a_cloud_of_many_parts_gives_the_bytes_of_one(tmp_path, monkeypatch):
 
 
 def test_of_a_change_only_the_cubes_around_it_are_made_again(tmp_path: Path):
-    """What an earlier build made is taken, and the bytes are those of a cloud that is drawn from nothing."""
+    """Other cubes are taken from an earlier build. The bytes are those of a cloud drawn from nothing."""
     points = np.concatenate([hall(60_000, seed) + [60 * seed, 0, 0] for seed in range(1, 5)])
     normals = np.random.default_rng(3).integers(-127, 128, (len(points), 2), np.int8)
     intensity = Intensity(np.arange(len(points)).astype(np.uint8), 0.0, 1.0)
