@@ -4,6 +4,7 @@ from tests.service.fixtures import (
     catalog,
     closed,
     logging_as_before,
+    logging_is_left_as_it_was,
     receiver,
     recorder,
     service,
@@ -12,5 +13,6 @@ from tests.service.fixtures import (
 )
 
 __all__ = [
-    "catalog", "closed", "logging_as_before", "receiver", "recorder", "service", "shared_service", "world",
+    "catalog", "closed", "logging_as_before", "logging_is_left_as_it_was",
+    "receiver", "recorder", "service", "shared_service", "world",
 ]  # fmt: skip

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator
 
 import pytest
@@ -12,6 +11,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
 from tests.service.access_world import KEYED
 from tests.service.cache_world import World
+from tests.service.json_log import logging_restored
 from tests.service.service_world import Service, running_service, served
 from tests.service.webhook_receiver import Receiver
 
@@ -76,14 +76,15 @@ def receiver() -> Iterator[Receiver]:
     running.close()
 
 
+@pytest.fixture(autouse=True)
+def logging_is_left_as_it_was() -> Iterator[None]:
+    """Fails a test that leaves logs set up: tests after it would lose theirs."""
+    yield
+    assert not structlog.get_config()["cache_logger_on_first_use"]
+
+
 @pytest.fixture
 def logging_as_before() -> Iterator[None]:
     """Undoes what a test sets up for logs."""
-    root = logging.getLogger()
-    handlers = root.handlers[:]
-    levels = {name: logging.getLogger(name).level for name in (None, "httpx", "httpcore")}
-    yield
-    root.handlers = handlers
-    for name, level in levels.items():
-        logging.getLogger(name).setLevel(level)
-    structlog.reset_defaults()
+    with logging_restored():
+        yield

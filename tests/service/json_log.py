@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from typing import Any
 from unittest.mock import patch
 
@@ -30,15 +31,36 @@ class JsonLog:
         return [line for line in self.lines if fields.items() <= line.items()]
 
 
+def renew_loggers() -> None:
+    """Give each module of the service a logger that was not used yet: a used one keeps its set-up."""
+    for name, module in list(sys.modules.items()):
+        logger = getattr(module, "_log", None) if name.startswith("firstfix_service.") else None
+        if logger is not None and not isinstance(logger, logging.Logger):
+            vars(module)["_log"] = structlog.get_logger(name)
+
+
+@contextmanager
+def logging_restored() -> Iterator[None]:
+    """Undoes what is set up for logs in the block."""
+    root = logging.getLogger()
+    handlers = root.handlers[:]
+    levels = {name: logging.getLogger(name).level for name in (None, "httpx", "httpcore")}
+    try:
+        yield
+    finally:
+        root.handlers = handlers
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
+        structlog.reset_defaults()
+        renew_loggers()
+
+
 @contextmanager
 def json_log() -> Iterator[JsonLog]:
-    """Sets up JSON logs like ``serve``, until the block ends. The caller restores ``logging`` itself."""
+    """Sets up JSON logs like ``serve``, until the block ends."""
     kept = JsonLog()
-    with patch.object(sys, "stderr", kept.stream):
-        set_up_logging(Settings(store="memory://"))
-    with ExitStack() as stack:
-        # loggers that were used before keep their old format
-        for module in [m for name, m in sys.modules.items() if name.startswith("firstfix_service.")]:
-            if hasattr(module, "_log"):
-                stack.enter_context(patch.object(module, "_log", structlog.get_logger(module.__name__)))
+    with logging_restored():
+        with patch.object(sys, "stderr", kept.stream):
+            set_up_logging(Settings(store="memory://"))
+        renew_loggers()
         yield kept

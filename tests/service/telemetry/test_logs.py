@@ -38,7 +38,7 @@ TRACEPARENT = f"00-{TRACE}-{CALLER}-01"
 
 
 @pytest.fixture
-def log(logging_as_before) -> Iterator[JsonLog]:
+def log() -> Iterator[JsonLog]:
     with json_log() as kept:
         yield kept
 

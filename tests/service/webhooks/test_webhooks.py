@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import structlog
 from prometheus_client import generate_latest
 from pydantic import ValidationError
 
@@ -28,6 +27,7 @@ from firstfix_service.webhooks import sender as sender_module
 from firstfix_service.webhooks.event import AnswerEvent, signed_headers
 from firstfix_service.webhooks.sender import WebhookPolicy, WebhookSender
 from tests.claimed import free_port
+from tests.service.json_log import renew_loggers
 from tests.service.service_world import SCAN_BODY, XYZ, publish, running_service
 from tests.service.webhook_receiver import Receiver
 from tests.waiting import LIMIT_S, let_pass, wait_until
@@ -229,7 +229,7 @@ def send_one(url: str, level: str, as_json: bool, result: str) -> None:
     """Sends one event with the log of ``serve``, until it has the result."""
     settings = Settings(store="memory://", log_level=level, log_json=as_json, webhook_urls=(url,))
     set_up_logging(settings)
-    sender_module._log = structlog.get_logger(sender_module.__name__)
+    renew_loggers()
     metrics = Metrics()
     policy = WebhookPolicy((url,), (bytes(32),), frozenset({"localized"}))
     sender = WebhookSender(policy, metrics)

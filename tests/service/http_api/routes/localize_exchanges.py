@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import gzip
 import json
-import logging
 import re
 import socket
 import sys
@@ -301,15 +300,9 @@ OPEN = (
 def record() -> dict[str, Any]:
     """All exchanges with today's code, by service and name."""
     found: dict[str, Any] = {}
-    root = logging.getLogger()
-    handlers, level = root.handlers[:], root.level
-    try:
-        with tempfile.TemporaryDirectory() as folder, json_log() as log:
-            for name, exchanges in _SERVICES.items():
-                found[name] = _each_once(dict(exchanges(Path(folder) / name, log)))
-    finally:
-        root.handlers = handlers
-        root.setLevel(level)
+    with tempfile.TemporaryDirectory() as folder, json_log() as log:
+        for name, exchanges in _SERVICES.items():
+            found[name] = _each_once(dict(exchanges(Path(folder) / name, log)))
     return found
 
 
