@@ -69,6 +69,10 @@ class ConsoleWorld:
         assert answer.status_code == 200, answer.text
         return answer.json()
 
+    def recorded(self) -> list[dict[str, Any]]:
+        """The recorded queries of the yard."""
+        return list(self.get("/recorded-queries", map_id="yard", limit=1000)["queries"])
+
     def looked_at_sightings(self) -> int:
         """Number of sure answers that the query workers have looked at for changes of the map."""
         self.get("/maps/yard/changes")  # takes the counts from the workers
