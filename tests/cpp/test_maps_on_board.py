@@ -119,3 +119,13 @@ def test_a_hall_and_a_yard_are_told_apart(
         done = on_board.run(PROGRAM, on_board_of(at, "hall", "yard"), path, "explaining=inf")
         assert same(printed(done), of_service(answer, maps))
         assert answer.map_id == "yard"
+
+
+def test_the_path_of_a_lone_folder_may_have_an_equals_sign(
+    on_board: Build, folder: Path, scan_file: Path, tmp_path: Path
+):
+    named = tmp_path / "run=3"
+    named.symlink_to(folder)
+    said = on_board.run(PROGRAM, named, scan_file).stdout
+    assert "\nmap " not in said
+    assert said == on_board.run(PROGRAM, folder, scan_file).stdout

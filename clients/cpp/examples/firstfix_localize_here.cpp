@@ -37,12 +37,12 @@ std::vector<double> numbers_of(const std::string& text) {
 
 firstfix::Pose pose_of(const std::vector<double>& n) { return {{n[0], n[1], n[2]}, {n[3], n[4], n[5], n[6]}}; }
 
-// One folder, or ID=FOLDER,ID=FOLDER.
+// One folder, or ID=FOLDER,ID=FOLDER. No id has a slash, so a folder's path may have "=" after one.
 std::vector<firstfix::MapFolder> maps_of(const std::string& text) {
   std::vector<firstfix::MapFolder> maps;
   for (std::size_t at = 0; at <= text.size();) {
     const std::size_t end = std::min(text.find(',', at), text.size()), equals = text.find('=', at);
-    if (equals >= end) return {{"", text}};
+    if (equals >= end || text.find('/', at) < equals) return {{"", text}};
     maps.push_back({text.substr(at, equals - at), text.substr(equals + 1, end - equals - 1)});
     at = end + 1;
   }
