@@ -148,7 +148,14 @@ void bind_map_search(nb::module_& module) {
           },
           nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), "map"_a, "retrieval"_a, "query"_a, "prior"_a.none(),
           "max_candidates"_a.none(), "asked"_a.none(), "left_s"_a)
-      .def("take", [](MapSearch& search, Step step) { return timed([&](StageTimes& times) { search.take(step, times); }); }, "step"_a)
+      .def("take",
+           [](MapSearch& search, Step step) {
+             return timed([&](StageTimes& times) {
+               search.take(step, times);
+               search.rank(times);
+             });
+           },
+           "step"_a)
       .def("may_fit",
            [](MapSearch& search, double inlier_ratio) {
              StageTimes times;

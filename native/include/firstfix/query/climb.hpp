@@ -11,16 +11,25 @@ namespace firstfix {
 
 namespace detail {
 
+// Whether what a search has aligned is sure, by one of its own tests. What cannot be sure is not ranked for it.
+inline bool is_sure(MapSearch& search, bool (MapSearch::*test)() const, StageTimes& times) {
+  if (!search.may_be_sure(times)) return false;
+  search.rank(times);
+  return (search.*test)();
+}
+
 // Until a place explains the scan: most scans need the first step alone.
 inline void climb(const std::vector<MapSearch*>& searches, StageTimes& times) {
   for (MapSearch* const search : searches) {
     search->take(Step::narrow, times);
-    if (!search->is_settled()) search->take(Step::wide, times);
+    if (!is_sure(*search, &MapSearch::is_settled, times)) search->take(Step::wide, times);
   }
+  const auto explains_scan = [&](MapSearch* search) { return is_sure(*search, &MapSearch::explains_scan, times); };
   for (const Step step : {Step::other_ups, Step::exhaustive}) {
-    if (std::any_of(searches.begin(), searches.end(), [](const MapSearch* search) { return search->explains_scan(); })) return;
+    if (std::any_of(searches.begin(), searches.end(), explains_scan)) break;
     for (MapSearch* const search : searches) search->take(step, times);
   }
+  for (MapSearch* const search : searches) search->rank(times);
 }
 
 // Probes all maps, and takes the first step in the best one. Returns whether its place is accepted. The places of the others
@@ -37,6 +46,7 @@ inline bool one_explains_scan(const std::vector<MapSearch*>& searches, StageTime
   }
   if (best == nullptr) return false;
   best->take(Step::narrow, times);
+  best->rank(times);
   return best->is_settled();
 }
 

@@ -53,7 +53,8 @@ class FreeSpaceOrder {
       : map_(map), measures_(measures), spots_(spots) {}
 
   // The check only lowers support. So it stops at the first pose that is too weak already, or that could not keep the best
-  // one from being accepted, or where the best one is hopeless. Known aliases of the best one tie sooner: of what is left they are checked, too.
+  // one from being accepted, or where the best one is hopeless. Poses that are surely outdone are left out. Known aliases of the
+  // best one tie sooner: of what is left they are checked, too.
   //
   // registered: in the order of the support that they have at most. aliases: poses of the known aliases.
   RegisteredPoses checked(const RegisteredPoses& registered, const std::vector<PoseMatrix>& aliases) {
@@ -63,19 +64,24 @@ class FreeSpaceOrder {
       if (checked.size() > 1) {
         measures_.measure(checked.front());
         if (is_settled(checked, registered[i])) {
-          unchecked_.assign(registered.begin() + static_cast<std::ptrdiff_t>(i), registered.end());
-          for (RegisteredPose& alias : tied_aliases(checked.front(), aliases)) {
-            measures_.check_free_space(alias);
-            checked.push_back(alias);
-          }
+          unchecked_.insert(unchecked_.end(), registered.begin() + static_cast<std::ptrdiff_t>(i), registered.end());
           break;
         }
       }
       RegisteredPose one = registered[i];
+      if (is_outdone(checked, one)) {
+        unchecked_.push_back(one);
+        continue;
+      }
       measures_.check_free_space(one);
       checked.insert(std::upper_bound(checked.begin(), checked.end(), one, has_more_support), one);
     }
-    if (!checked.empty()) measures_.measure(checked.front());
+    if (checked.empty()) return checked;
+    for (RegisteredPose& alias : tied_aliases(checked.front(), aliases)) {
+      measures_.check_free_space(alias);
+      checked.push_back(alias);
+    }
+    measures_.measure(checked.front());
     return checked;
   }
 
@@ -105,10 +111,21 @@ class FreeSpaceOrder {
            map_.calibration.most(best.fit, map_.ranking) < likely;
   }
 
+  // Whether a pose is surely behind all that are refined, the last of which does not tie with the best one: so it is no best
+  // rival either. One that may look alike, in motion or on another storey, is compared at any support. checked: best first.
+  bool is_outdone(const RegisteredPoses& checked, const RegisteredPose& one) const {
+    if (checked.size() < map_.ranking.max_refined || checked.size() < 2) return false;
+    const RegisteredPose &best = checked.front(), &last = checked[map_.ranking.max_refined - 1];
+    const double tie = std::max(map_.calibration.min_margin, map_.calibration.alias_margin);
+    const bool may_look_alike =
+        is_in_motion(best.registration) || is_stacked(best.registration.T_level_sensor, one.registration.T_level_sensor);
+    return !may_look_alike && best.support - last.support > tie && measures_.most_support(one) < last.support;
+  }
+
   const SearchedMap& map_;
   PlaceMeasures& measures_;
   std::size_t spots_;
-  RegisteredPoses unchecked_;  // of the last order, where it stopped
+  RegisteredPoses unchecked_;  // of the last order
 };
 
 }  // namespace firstfix
