@@ -11,22 +11,28 @@ namespace firstfix {
 
 namespace detail {
 
-// Whether what a search has aligned is sure, by one of its own tests. What cannot be sure is not ranked for it.
-inline bool is_sure(MapSearch& search, bool (MapSearch::*test)() const, StageTimes& times) {
-  if (!search.may_be_sure(times)) return false;
+// What a search has aligned is not ranked for a test that it cannot pass.
+inline bool is_settled(MapSearch& search, StageTimes& times) {
+  if (!search.may_settle(times)) return false;
   search.rank(times);
-  return (search.*test)();
+  return search.is_settled();
+}
+
+inline bool explains_scan(MapSearch& search, StageTimes& times) {
+  if (!search.may_explain_scan(times)) return false;
+  search.rank(times);
+  return search.explains_scan();
 }
 
 // Until a place explains the scan: most scans need the first step alone.
 inline void climb(const std::vector<MapSearch*>& searches, StageTimes& times) {
   for (MapSearch* const search : searches) {
     search->take(Step::narrow, times);
-    if (!is_sure(*search, &MapSearch::is_settled, times)) search->take(Step::wide, times);
+    if (!is_settled(*search, times)) search->take(Step::wide, times);
   }
-  const auto explains_scan = [&](MapSearch* search) { return is_sure(*search, &MapSearch::explains_scan, times); };
+  const auto explains = [&](MapSearch* search) { return explains_scan(*search, times); };
   for (const Step step : {Step::other_ups, Step::exhaustive}) {
-    if (std::any_of(searches.begin(), searches.end(), explains_scan)) break;
+    if (std::any_of(searches.begin(), searches.end(), explains)) break;
     for (MapSearch* const search : searches) search->take(step, times);
   }
   for (MapSearch* const search : searches) search->rank(times);

@@ -16,6 +16,11 @@ constexpr double kStoreyM = 1.5;       // in height, at least: of a floor above 
 
 // Probability below which a place is hopeless: then its rivals are not counted, and they could not move it by more.
 constexpr double kHopelessBelow = 0.01;
+// Probability that a pose has at most, from which on it may be sure once it is aligned finely.
+constexpr double kMayBeSure = 0.5;
+// Poses, best by alignment first: where none of so many may be sure, those that fit worse are no answer either. Over 29 such
+// scans of the demo's factory, no probability moved by more than 0.006 (lab/docs/experiments.md).
+constexpr std::size_t kEnoughUnsure = 12;
 
 // Whether a position, (3,), is above or below another one, on another storey.
 inline bool is_stacked(const double* at_m, const double* other_m) {
@@ -53,7 +58,7 @@ class FreeSpaceOrder {
       : map_(map), measures_(measures), spots_(spots) {}
 
   // The check only lowers support. So it stops at the first pose that is too weak already, or that could not keep the best
-  // one from being accepted, or where the best one is hopeless. Poses that are surely outdone are left out. Known aliases of the
+  // one from being accepted, or where the best one is hopeless, or the first ones are all unsure. Poses that are surely outdone are left out. Known aliases of the
   // best one tie sooner: of what is left they are checked, too.
   //
   // registered: in the order of the support that they have at most. aliases: poses of the known aliases.
@@ -63,7 +68,7 @@ class FreeSpaceOrder {
     for (std::size_t i = 0; i < registered.size(); ++i) {
       if (checked.size() > 1) {
         measures_.measure(checked.front());
-        if (is_settled(checked, registered[i])) {
+        if (is_settled(checked, registered[i]) || are_unsure(checked)) {
           unchecked_.insert(unchecked_.end(), registered.begin() + static_cast<std::ptrdiff_t>(i), registered.end());
           break;
         }
@@ -109,6 +114,15 @@ class FreeSpaceOrder {
     const double likely = std::min(kHopelessBelow, map_.ranking.promising);
     return !map_.calibration.is_prior && following.support < best.support &&
            map_.calibration.most(best.fit, map_.ranking) < likely;
+  }
+
+  // Whether so many poses are no answer that none of the following ones is. In motion, each fits better than it is aligned.
+  bool are_unsure(RegisteredPoses& checked) {
+    if (checked.size() < kEnoughUnsure || map_.calibration.is_prior || checked.front().registration.twist) return false;
+    return std::none_of(checked.begin(), checked.end(), [&](RegisteredPose& one) {
+      measures_.measure(one);
+      return map_.calibration.most(one.fit, map_.ranking) >= kMayBeSure;
+    });
   }
 
   // Whether a pose is surely behind all that are refined, the last of which does not tie with the best one: so it is no best

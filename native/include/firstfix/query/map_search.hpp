@@ -18,6 +18,9 @@
 
 namespace firstfix {
 
+// Share of its poses that a step screens where a step before it has.
+constexpr double kScreenedAgain = 0.4;
+
 // What a caller says of a query.
 struct SearchOptions {
   std::optional<PriorRegion> prior;
@@ -61,9 +64,12 @@ class MapSearch {
   bool is_settled() const { return search_.is_settled(); }
   bool explains_scan() const { return search_.explains_scan(); }
 
-  // Whether what the steps so far have aligned may be sure. Else it need not be ranked yet.
-  bool may_be_sure(StageTimes& times) {
-    return times.of("register", [&] { return search_.may_be_sure(); });
+  // Whether what the steps so far have aligned may pass these tests once it is ranked. Else it need not be ranked yet.
+  bool may_settle(StageTimes& times) {
+    return times.of("register", [&] { return search_.may_be_sure(0); });
+  }
+  bool may_explain_scan(StageTimes& times) {
+    return times.of("register", [&] { return search_.may_be_sure(map_.ranking.convincing_inlier_ratio - kRefinedBy); });
   }
 
   // Ranks what the steps so far have aligned.
@@ -207,12 +213,18 @@ class MapSearch {
 
   // Distinct candidates whose poses fit the coarse map best, best first. The descriptor alone mistakes the place where sparse
   // beams, occluders or a wrong up change many cells. A hundred points of the scan tell the places apart at a tenth of a
-  // registration's time. The scans, each levelled in one way or several, share the effort.
+  // registration's time. The scans, each levelled in one way or several, share the effort. Where a step before has screened, only
+  // templates that are promising by that are compared.
   std::vector<Candidate> screened(const std::vector<LevelledScan>& levelled, const Effort& effort) {
     const auto share = [&](std::size_t all) { return std::max<std::size_t>(1, all / levelled.size()); };
-    const Wanted each{share(effort.screened), share(effort.clusters), false};
+    Wanted each{share(effort.screened), share(effort.clusters), false};
+    TemplateRows promising;
+    if (!screened_.empty()) {
+      promising = promising_of_screened();
+      each.among = &promising;
+      each.most = share(static_cast<std::size_t>(kScreenedAgain * static_cast<double>(effort.screened)));
+    }
     std::vector<Candidate> candidates = merged(levelled, described_of(levelled), options_.prior, each);
-    if (!screened_.empty()) leave_out_poor(candidates);
     // neighbours read the same part of the map
     std::stable_sort(candidates.begin(), candidates.end(),
                      [](const Candidate& one, const Candidate& other) { return one.template_row < other.template_row; });
@@ -226,13 +238,10 @@ class MapSearch {
     return distinct;
   }
 
-  // Leaves out candidates at templates where, and near which, the step before has screened none of the better poses.
-  void leave_out_poor(std::vector<Candidate>& candidates) const {
+  TemplateRows promising_of_screened() const {
     std::vector<std::pair<std::int64_t, double>> before;
     for (const Screened& one : screened_) before.emplace_back(one.start.template_row, one.score);
-    const PromisingTemplates promising(*map_.places, map_.spacing_m, before);
-    const auto is_poor = [&](const Candidate& one) { return !promising.has(one.template_row); };
-    candidates.erase(std::remove_if(candidates.begin(), candidates.end(), is_poor), candidates.end());
+    return promising_templates(*map_.places, map_.spacing_m, before);
   }
 
   // Moves candidates, in the order of their templates, towards the map, and scores them there. The last step asks for much of what

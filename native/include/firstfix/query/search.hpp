@@ -34,8 +34,8 @@ constexpr double kHopefulFrom = 0.85;
 // Alignment score from which on a place explains a scan so well that hopeless ones are no rivals. A scan that no place
 // explains needs them: they tell that it is of another place.
 constexpr double kExplainedFrom = 0.85;
-// Probability that a pose has at most, from which on it may be sure once it is aligned finely.
-constexpr double kMayBeSure = 0.5;
+// By which fine alignment may raise the inlier ratio.
+constexpr double kRefinedBy = 0.15;
 
 // Aligns the candidates of one query in one map and keeps the poses that compete for the answer. It keeps what it found: a
 // later run adds to it, and repeats none of its work. Not thread-safe. The map, the query and the tables must outlive it.
@@ -116,11 +116,12 @@ class Search {
   }
 
   // Whether one of the aligned poses may be sure, if nothing passes through the map there: else none need be ranked before others
-  // have been aligned. In motion, all may.
-  bool may_be_sure() {
+  // have been aligned. In motion, all may. inlier_ratio: that a pose needs for it.
+  bool may_be_sure(double inlier_ratio) {
     if (in_motion_ || map_.calibration.is_prior) return true;
     RegisteredPoses all = registered();
     return std::any_of(all.begin(), all.end(), [&](RegisteredPose& one) {
+      if (one.fit.inlier_ratio < inlier_ratio) return false;
       measures_.measure(one);
       return map_.calibration.most(one.fit, map_.ranking) >= kMayBeSure;
     });
@@ -130,7 +131,7 @@ class Search {
   // where the pose would be the answer, else all around. Free space does not choose between the two: they are one place, seen
   // from nearly the same spot.
   void search_near() {
-    if (found_.empty()) return;
+    if (found_.empty() || !may_be_accepted()) return;
     const Registration& placed = found_.front().registration;
     const auto offsets = is_settled() ? offsets_along(map_.nearby, placed.information) : offsets_around(map_.nearby);
     if (offsets.empty()) return;
