@@ -11,13 +11,7 @@ namespace firstfix {
 
 namespace detail {
 
-// What a search has aligned is not ranked for a test that it cannot pass.
-inline bool is_settled(MapSearch& search, StageTimes& times) {
-  if (!search.may_settle(times)) return false;
-  search.rank(times);
-  return search.is_settled();
-}
-
+// Whether a search's best place explains the scan. What cannot do so is not ranked for it.
 inline bool explains_scan(MapSearch& search, StageTimes& times) {
   if (!search.may_explain_scan(times)) return false;
   search.rank(times);
@@ -28,7 +22,8 @@ inline bool explains_scan(MapSearch& search, StageTimes& times) {
 inline void climb(const std::vector<MapSearch*>& searches, StageTimes& times) {
   for (MapSearch* const search : searches) {
     search->take(Step::narrow, times);
-    if (!is_settled(*search, times)) search->take(Step::wide, times);
+    search->rank(times);
+    if (!search->is_settled()) search->take(Step::wide, times);
   }
   const auto explains = [&](MapSearch* search) { return explains_scan(*search, times); };
   for (const Step step : {Step::other_ups, Step::exhaustive}) {

@@ -58,8 +58,9 @@ class FreeSpaceOrder {
       : map_(map), measures_(measures), spots_(spots) {}
 
   // The check only lowers support. So it stops at the first pose that is too weak already, or that could not keep the best
-  // one from being accepted, or where the best one is hopeless, or the first ones are all unsure. Poses that are surely outdone are left out. Known aliases of the
-  // best one tie sooner: of what is left they are checked, too.
+  // one from being accepted, or where the best one is hopeless. Of the others, poses that are surely outdone are left out, and
+  // those after many unsure ones, unless an earlier order has checked them. Known aliases of the best one tie sooner: of what is
+  // left they are checked, too.
   //
   // registered: in the order of the support that they have at most. aliases: poses of the known aliases.
   RegisteredPoses checked(const RegisteredPoses& registered, const std::vector<PoseMatrix>& aliases) {
@@ -68,13 +69,13 @@ class FreeSpaceOrder {
     for (std::size_t i = 0; i < registered.size(); ++i) {
       if (checked.size() > 1) {
         measures_.measure(checked.front());
-        if (is_settled(checked, registered[i]) || are_unsure(checked)) {
+        if (is_settled(checked, registered[i])) {
           unchecked_.insert(unchecked_.end(), registered.begin() + static_cast<std::ptrdiff_t>(i), registered.end());
           break;
         }
       }
       RegisteredPose one = registered[i];
-      if (is_outdone(checked, one)) {
+      if (!measures_.is_checked(one) && (are_unsure(checked) || is_outdone(checked, one))) {
         unchecked_.push_back(one);
         continue;
       }

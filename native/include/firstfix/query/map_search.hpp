@@ -64,12 +64,10 @@ class MapSearch {
   bool is_settled() const { return search_.is_settled(); }
   bool explains_scan() const { return search_.explains_scan(); }
 
-  // Whether what the steps so far have aligned may pass these tests once it is ranked. Else it need not be ranked yet.
-  bool may_settle(StageTimes& times) {
-    return times.of("register", [&] { return search_.may_be_sure(0); });
-  }
+  // Whether what the steps so far have aligned may explain the scan, by what it is ranked as, or could be. Else it need not be
+  // ranked yet.
   bool may_explain_scan(StageTimes& times) {
-    return times.of("register", [&] { return search_.may_be_sure(map_.ranking.convincing_inlier_ratio - kRefinedBy); });
+    return is_ranked_ || times.of("register", [&] { return search_.may_explain_scan(); });
   }
 
   // Ranks what the steps so far have aligned.

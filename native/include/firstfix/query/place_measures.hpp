@@ -24,6 +24,8 @@ class PlaceMeasures {
     return map_.ranking.support(fit);
   }
 
+  bool is_checked(const RegisteredPose& one) const { return free_space_.count(one.registration.T_level_sensor) != 0; }
+
   // Checks the shares of directions that pass through the map, as means over the query's scans.
   void check_free_space(RegisteredPose& one) {
     const auto [known, is_first] = free_space_.try_emplace(one.registration.T_level_sensor);

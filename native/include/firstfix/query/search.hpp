@@ -115,13 +115,12 @@ class Search {
     return most;
   }
 
-  // Whether one of the aligned poses may be sure, if nothing passes through the map there: else none need be ranked before others
-  // have been aligned. In motion, all may. inlier_ratio: that a pose needs for it.
-  bool may_be_sure(double inlier_ratio) {
+  // Whether one of the aligned poses may explain the scan, if nothing passes through the map there. In motion, all may.
+  bool may_explain_scan() {
     if (in_motion_ || map_.calibration.is_prior) return true;
     RegisteredPoses all = registered();
     return std::any_of(all.begin(), all.end(), [&](RegisteredPose& one) {
-      if (one.fit.inlier_ratio < inlier_ratio) return false;
+      if (one.fit.inlier_ratio < map_.ranking.convincing_inlier_ratio - kRefinedBy) return false;
       measures_.measure(one);
       return map_.calibration.most(one.fit, map_.ranking) >= kMayBeSure;
     });

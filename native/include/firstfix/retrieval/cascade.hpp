@@ -96,13 +96,15 @@ struct Cascade {
   // clusters nearest by key. among: as of `search`.
   Matches search_near(const std::uint8_t* occupancy, const detail::Vector3& centre, double radius_m, std::size_t most,
                       const std::vector<std::int64_t>* among = nullptr) const {
-    std::vector<std::int64_t> inside = tiles.within(position_m, centre, radius_m);
+    const std::vector<std::int64_t> inside = tiles.within(position_m, centre, radius_m);
+    const auto compare_asked = [&](const std::vector<std::int64_t>& rows) {
+      return compare(occupancy, among == nullptr ? rows : in_both(rows, *among));
+    };
+    if (inside.size() <= most) return compare_asked(inside);
     if (inside.size() == templates.count) return search(occupancy, most, among);
-    if (among != nullptr) inside = in_both(inside, *among);
-    if (inside.size() <= most) return compare(occupancy, std::move(inside));
     const std::vector<std::int64_t> represented = represented_by(inside);
     const std::vector<std::int64_t> found = members(nearest_keys(keys, key_of(occupancy).data(), most, &represented));
-    return compare(occupancy, in_both(found, inside));
+    return compare_asked(in_both(found, inside));
   }
 
   std::vector<float> key_of(const std::uint8_t* occupancy) const {
