@@ -58,6 +58,17 @@ Matches matches_of(const nb::object& found, std::size_t templates) {
   return {{rows.data(), rows.data() + count}, {yaw_rad.data(), yaw_rad.data() + count}, {score.data(), score.data() + count}};
 }
 
+// Those matches whose rows are among ascending ones, if some are given.
+Matches of_these(Matches&& found, const TemplateRows* among) {
+  if (among == nullptr) return std::move(found);
+  Matches kept;
+  for (std::size_t i = 0; i < found.rows.size(); ++i) {
+    if (!std::binary_search(among->begin(), among->end(), found.rows[i])) continue;
+    kept.rows.push_back(found.rows[i]), kept.yaw_rad.push_back(found.yaw_rad[i]), kept.score.push_back(found.score[i]);
+  }
+  return kept;
+}
+
 // The way of templates that Python finds: `describe(scan, R_level_sensor, height_m, is_as_measured)` gives a function
 // `(centre_m, radius_m, clusters) -> (rows, yaw_rad, score)`. Both take the lock; the ladder around them does not have it.
 Describe by_python(nb::object&& describe, std::size_t templates) {
@@ -66,11 +77,11 @@ Describe by_python(nb::object&& describe, std::size_t templates) {
     std::vector<double> R;
     for (const auto& row : levelled.R_level_sensor) R.insert(R.end(), row.begin(), row.end());
     auto find = held((*described)(levelled.scan, array_of(std::move(R), {3, 3}), levelled.height_m, levelled.is_as_measured));
-    return FindTemplates([find, templates](const std::optional<Sphere>& within, std::size_t clusters) {
+    return FindTemplates([find, templates](const std::optional<Sphere>& within, std::size_t clusters, const TemplateRows* among) {
       const nb::gil_scoped_acquire again;
-      if (!within) return matches_of((*find)(nb::none(), 0.0, clusters), templates);
+      if (!within) return of_these(matches_of((*find)(nb::none(), 0.0, clusters), templates), among);
       const auto& [x_m, y_m, z_m] = within->centre_m;
-      return matches_of((*find)(array_of(std::vector<double>{x_m, y_m, z_m}), within->radius_m, clusters), templates);
+      return of_these(matches_of((*find)(array_of(std::vector<double>{x_m, y_m, z_m}), within->radius_m, clusters), templates), among);
     });
   };
 }
@@ -148,7 +159,14 @@ void bind_map_search(nb::module_& module) {
           },
           nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), "map"_a, "retrieval"_a, "query"_a, "prior"_a.none(),
           "max_candidates"_a.none(), "asked"_a.none(), "left_s"_a)
-      .def("take", [](MapSearch& search, Step step) { return timed([&](StageTimes& times) { search.take(step, times); }); }, "step"_a)
+      .def("take",
+           [](MapSearch& search, Step step) {
+             return timed([&](StageTimes& times) {
+               search.take(step, times);
+               search.rank(times);
+             });
+           },
+           "step"_a)
       .def("may_fit",
            [](MapSearch& search, double inlier_ratio) {
              StageTimes times;

@@ -107,6 +107,14 @@ void bind_search(nb::module_& module) {
             return found_in(search.found());
           },
           "template"_a, "T_level_sensor"_a, "score"_a, "twist"_a.none(), "aliases"_a, "nearby"_a)
+      .def(
+          "align",
+          [](Search& search, Rows rows, Poses T_level_sensor, Scores score) {
+            const std::vector<Candidate> candidates = candidates_of(rows, T_level_sensor, score);
+            without_gil([&] { search.align(candidates, std::nullopt); });
+          },
+          "template"_a, "T_level_sensor"_a, "score"_a)
+      .def("may_explain_scan", [](Search& search) { return without_gil([&] { return search.may_explain_scan(); }); })
       .def("is_settled", [](const Search& search) { return search.is_settled(); })
       .def("explains_scan", [](const Search& search) { return search.explains_scan(); })
       .def(

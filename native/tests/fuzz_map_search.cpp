@@ -1,4 +1,5 @@
 // The ladder of effort, on maps, scans and templates that hold any numbers.
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <memory>
@@ -18,7 +19,8 @@ Describe by_chance(Hostile& random, std::size_t templates) {
     for (const auto& row : levelled.R_level_sensor) {
       for (const double number : row) expect(std::fabs(number) <= 1 + 1e-6, "a rotation");
     }
-    return FindTemplates([&random, templates](const std::optional<Sphere>&, std::size_t) {
+    return FindTemplates([&random, templates](const std::optional<Sphere>&, std::size_t, const TemplateRows* among) {
+      expect(among == nullptr || std::is_sorted(among->begin(), among->end()), "rows that ascend");
       Matches found;
       for (std::int64_t i = templates == 0 ? 0 : random.number(0, 30); i > 0; --i) {
         found.rows.push_back(random.number(0, static_cast<std::int64_t>(templates) - 1));

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
@@ -55,6 +56,7 @@ def candidates_of_scan(
     count: int,
     clusters: int,
     per_spot: int | None = MAX_PER_SPOT,
+    among: NDArray[np.int64] | None = None,
 ) -> Candidates:
     """Candidates of one scan that the prior allows, best first.
 
@@ -62,10 +64,13 @@ def candidates_of_scan(
         count: at most.
         clusters: whose templates are compared, nearest by key.
         per_spot: candidates of one spot at most; None: any number.
+        among: ascending rows of the only templates that count; None: all do.
 
     The template's floor counts, not its mount: this sensor may stand higher.
     """
     templates, matches = index.cascade.templates, _matches(index, described, scan, prior, clusters)
+    if among is not None:
+        matches = Matches(*(column[np.isin(matches.rows, among)] for column in (matches.rows, matches.yaw_rad, matches.score)))
     headings = None
     if prior is not None:
         headings = index.T_map_level, prior.yaw_deg, prior.yaw_range_deg + YAW_SLACK_DEG

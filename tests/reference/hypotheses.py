@@ -27,7 +27,7 @@ from firstfix.engine.registration.align import Agreement, Registration, Registra
 from firstfix.engine.registration.surface import Surface
 from firstfix.transform import Matrix
 from tests.reference.distinct import distinct
-from tests.reference.known_aliases import is_any_of, may_tie, not_far_behind, rivals_among
+from tests.reference.known_aliases import is_any_of, is_stacked, may_tie, not_far_behind, rivals_among
 from tests.reference.local_search import best_near, offsets_along, offsets_around
 from tests.reference.look_alikes import with_look_alikes_marked
 from tests.reference.motion_at_places import MotionAtPlaces, together
@@ -41,6 +41,9 @@ _HOPEFUL_FROM = 0.85
 # no place explains needs them: they tell that it is of another place.
 _EXPLAINED_FROM = 0.85
 HOPELESS_BELOW = 0.01  # probability; its rivals could not move it by more
+_MAY_BE_SURE = 0.5  # probability that a pose has at most, from which on it may be sure once it is aligned finely
+_ENOUGH_UNSURE = 12  # poses: where none of so many may be sure, those that fit worse are no answer either
+_REFINED_BY = 0.15  # by which fine alignment may raise the inlier ratio
 NO_POSES = np.empty((0, 4, 4))
 _BESIDE = np.array(list(product((0, -1, 1), repeat=2)))  # (9, 2), itself first
 
@@ -66,7 +69,7 @@ class HypothesisSearch:
         self._free_space: dict[bytes, FreeSpaceShares] = {}  # by pose: a later run does not check it again
         self._agreement: dict[bytes, Agreement] = {}  # the same, of the few points
         self._beside: dict[bytes, RegisteredCandidate | None] = {}  # by pose: the better one beside it
-        self._unchecked: Sequence[RegisteredCandidate] = ()  # of the last run, where it stopped
+        self._unchecked: list[RegisteredCandidate] = []  # of the last run
         self.found: list[RegisteredCandidate] = []  # by the last run
 
     def run(
@@ -78,20 +81,39 @@ class HypothesisSearch:
         nearby: bool = False,
     ) -> list[RegisteredCandidate]:
         """See ``firstfix.engine.hypotheses.HypothesisSearch``."""
-        checked = self._register(candidates, twist)
+        self.align(candidates, twist)
+        checked = self._registered()
         if len(aliases) or not self._is_alone_and_good(checked):
             checked = ranked(self._check_free_space(checked, aliases))
         if not checked or not self._may_be_accepted(checked):
             self.found = self._with_agreements(checked)
         else:
             self.found = self._finely_measured(self._refine(checked))
-        if nearby and self.found:
+        if nearby and self.found and self._may_be_accepted(self.found):
             config = self._index.config.nearby
             best = self.found[0].registration
             offsets_m = offsets_along(config, best) if self.is_settled else offsets_around(config)
             if len(offsets_m):
                 self.found = self.search_near(self.found, offsets_m)
         return self.found
+
+    def align(self, candidates: Candidates, twist: NDArray[np.float64] | None = None) -> None:
+        """See ``tests.reference.hypothesis_steps.HypothesisSteps``."""
+        self._align(self.untried(candidates, twist), twist)
+
+    @property
+    def may_explain_scan(self) -> bool:
+        """See ``tests.reference.hypothesis_steps.HypothesisSteps``."""
+        if self._in_motion is not None or not self._index.calibration.cases:
+            return True
+        least = self._ranking.convincing_inlier_ratio - _REFINED_BY
+        near = [one for one in self._registered() if one.quality.inlier_ratio >= least]
+        return any(self._most(one) >= _MAY_BE_SURE for one in self._with_agreements(near))
+
+    def _most(self, one: RegisteredCandidate) -> float:
+        """The probability that a candidate has at most, whatever its rivals."""
+        alone = features_of([one]).without_rivals
+        return max(self._index.calibration.probability(replace(alone, tied=tied)) for tied in (1, 2))
 
     @property
     def is_settled(self) -> bool:
@@ -222,14 +244,8 @@ class HypothesisSearch:
         """
         return candidates.at(self._untried(candidates.T_level_sensor, twist))
 
-    def _register(
-        self, candidates: Candidates, twist: NDArray[np.float64] | None
-    ) -> list[RegisteredCandidate]:
-        """Align all new candidates with few points: coarsely, then the good ones on the map's own points.
-
-        Returns the best ones that may compete, of all runs: distinct poses that the prior allows, best first.
-        """
-        self._align(self.untried(candidates, twist), twist)
+    def _registered(self) -> list[RegisteredCandidate]:
+        """The best ones that may compete, of all runs: distinct poses that the prior allows, best first."""
         if not self._aligned:
             return []
         aligned = _together(self._aligned)
@@ -260,6 +276,7 @@ class HypothesisSearch:
         return registered
 
     def _align(self, candidates: Candidates, twist: NDArray[np.float64] | None) -> None:
+        """Align candidates with few points: coarsely, then the good ones on the map's own points."""
         if not len(candidates):
             return
         surface, T = self._index.surface, candidates.T_level_sensor
@@ -317,25 +334,56 @@ class HypothesisSearch:
         """The candidates that may be the best or its best rival, with their free space checked.
 
         The check only lowers support. So it stops at the first candidate that is too weak already, or that
-        could not keep the best one from being accepted. Known aliases of the best one tie sooner: of what is
-        left they are checked, too.
+        could not keep the best one from being accepted, or where enough are unsure. Those that are surely
+        outdone are left out. Known aliases of the best one tie sooner: of what is left they are checked, too.
 
         Args:
             registered: in the order of the support that they have at most.
         """
         checked: list[RegisteredCandidate] = []
-        self._unchecked = ()
+        self._unchecked = []
         for number, candidate in enumerate(registered):
             if len(checked) > 1:
                 checked[:1] = self._with_agreements(checked[:1])
                 if self._is_settled(checked, candidate):
-                    self._unchecked = registered[number:]
-                    checked += map(self._with_free_space, self._tied_aliases(checked[0], aliases))
+                    self._unchecked += registered[number:]
                     break
+            if candidate.registration.T_level_sensor.tobytes() not in self._free_space and (
+                self._are_unsure(checked) or self._is_outdone(checked, candidate)
+            ):
+                self._unchecked.append(candidate)
+                continue
             checked.append(self._with_free_space(candidate))
             checked.sort(key=lambda one: -one.support)
+        if checked:
+            checked += map(self._with_free_space, self._tied_aliases(checked[0], aliases))
         checked[:1] = self._with_agreements(checked[:1])
         return checked
+
+    def _are_unsure(self, checked: Sequence[RegisteredCandidate]) -> bool:
+        """Whether so many candidates are no answer that none of the following ones is."""
+        if len(checked) < _ENOUGH_UNSURE or not self._index.calibration.cases:
+            return False
+        if checked[0].registration.twist is not None:
+            return False
+        return all(self._most(one) < _MAY_BE_SURE for one in self._with_agreements(checked))
+
+    def _is_outdone(self, checked: Sequence[RegisteredCandidate], one: RegisteredCandidate) -> bool:
+        """Whether a candidate is surely behind all that are refined, the last of which does not tie.
+
+        Args:
+            checked: best first.
+        """
+        refined, calibration = self._ranking.max_refined, self._index.calibration
+        if len(checked) < refined:
+            return False
+        best, last = checked[0], checked[refined - 1]
+        at_m, other_m = (each.registration.T_level_sensor[:3, 3] for each in (best, one))
+        if best.registration.is_in_motion or bool(is_stacked(at_m, other_m[None])[0]):
+            return False
+        tie = max(calibration.min_margin, calibration.alias_margin)
+        seen_free = FreeSpaceShares(0.0, 0.0, self._seen_free(one.registration))
+        return best.support - last.support > tie and replace(one, free_space=seen_free).support < last.support
 
     def _is_settled(self, checked: Sequence[RegisteredCandidate], following: RegisteredCandidate) -> bool:
         """Whether no candidate from the following one on can change the answer, but known aliases.
@@ -346,9 +394,8 @@ class HypothesisSearch:
         supports = [other.support for other in checked]
         if following.support < min(supports[1], supports[0] - self._ranking.rival_within):
             return True
-        calibration, alone = self._index.calibration, features_of(checked[:1]).without_rivals
-        most = max(calibration.probability(replace(alone, tied=tied)) for tied in (1, 2))
-        is_hopeless = calibration.cases and most < min(HOPELESS_BELOW, self._ranking.promising)
+        calibration = self._index.calibration
+        is_hopeless = calibration.cases and self._most(checked[0]) < min(HOPELESS_BELOW, self._ranking.promising)
         if is_hopeless and following.support < supports[0]:
             return True
         return calibration.ends_search(features_of([*checked, following]))

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from firstfix.engine.candidates import Candidates
-from firstfix.engine.hypotheses import HypothesisSearch
+from firstfix.engine.hypotheses import HypothesisSearch, _rows
 from firstfix.engine.registered_candidate import RegisteredCandidate
 
 
 class HypothesisSteps(HypothesisSearch):
     """A search whose state can be looked at, and whose later steps can be taken one by one."""
+
+    def align(self, candidates: Candidates) -> None:
+        """Align candidates, which a later run ranks."""
+        self._search.align(*_rows(candidates))
+
+    @property
+    def may_explain_scan(self) -> bool:
+        """Whether one of the aligned poses may explain the scan, if nothing passes through the map there."""
+        return self._search.may_explain_scan()
 
     @property
     def is_settled(self) -> bool:

@@ -35,6 +35,10 @@ SCREENED_PER_REGISTERED = 12  # poses that are screened in the time of one candi
 COMPARED_PER_REGISTERED = 200  # templates that are compared in this time
 SLOWER = 1.5  # than estimated, at worst
 OTHER_UPS = 6  # at most, each with a first search of its own
+SCREENED_AGAIN = 0.4  # share of its poses that a step screens where a step before it has
+BEST_TEMPLATES = 0.1  # share of the screened templates near which a scan may fit that is levelled otherwise
+NEIGHBOUR_SPACINGS = 1.1  # of the templates: how near
+_NO_CANDIDATES = Candidates(np.empty(0, np.int64), np.empty((0, 4, 4)), np.empty(0))
 
 
 class MapSearch:
@@ -56,6 +60,8 @@ class MapSearch:
         self._map_id = map_id
         self._hypotheses = self.new_hypotheses(options.prior)
         self._narrow_s = 0.0
+        self._screened: tuple[NDArray[np.int64], NDArray[np.float64]] | None = None  # templates and scores
+        self._is_ranked = True
         self.registered: list[RegisteredCandidate] = []
 
     def new_hypotheses(self, prior: Prior | None) -> Any:
@@ -73,7 +79,19 @@ class MapSearch:
 
         With a wrong up direction, up to two thirds of a scan may lie on surfaces that nothing contradicts.
         """
+        if not self._is_ranked and not self._hypotheses.may_explain_scan:
+            return False
+        self.rank()
         return self._hypotheses.explains_scan
+
+    def rank(self) -> None:
+        """Rank what the steps so far have aligned."""
+        if self._is_ranked:
+            return
+        with self._watch.stage("register"):
+            nearby = self._index.config.search.widened > 1
+            self.registered = self._hypotheses.run(_NO_CANDIDATES, nearby=nearby)
+        self._is_ranked = True
 
     def answer(
         self, others: Sequence[MapSearch], options: LocalizeOptions, *, likely_one: bool = False
@@ -185,7 +203,7 @@ class MapSearch:
             described = [one.described_by(index.cascade.descriptor) for one in levelled]
         with self._watch.stage("search"):
             candidates = find_candidates(index, described, levelled, self._options)
-        self._register(candidates)
+        self._align(candidates)
 
     def _by_screening(self, effort: EffortConfig, *, tilted: bool) -> None:
         index, options = self._index, self._options
@@ -193,13 +211,15 @@ class MapSearch:
             usual_height_m = index.cascade.templates.usual_height_m
             levelled = levelled_otherwise(self._prepared, self._expected_up(), usual_height_m, tilted=tilted)
         with self._watch.stage("search"):
-            candidates = screened_candidates(index, self._prepared, levelled, options, effort)
-        self._register(candidates)
+            candidates, self._screened = screened_candidates(
+                index, self._prepared, levelled, options, effort, self._screened
+            )
+        self._align(candidates)
 
-    def _register(self, candidates: Candidates) -> None:
+    def _align(self, candidates: Candidates) -> None:
         with self._watch.stage("register"):
-            nearby = self._index.config.search.widened > 1
-            self.registered = self._hypotheses.run(candidates, nearby=nearby)
+            self._hypotheses.align(candidates)
+        self._is_ranked = False
 
     def _expected_up(self) -> NDArray[np.float64] | None:
         """(3,) up by the mounting, or None: gravity is known."""
@@ -215,21 +235,25 @@ def screened_candidates(
     levelled: Sequence[PreparedScan],
     options: LocalizeOptions,
     effort: EffortConfig,
-) -> Candidates:
-    """Distinct candidates whose poses fit the coarse map best, best first.
+    before: tuple[NDArray[np.int64], NDArray[np.float64]] | None,
+) -> tuple[Candidates, tuple[NDArray[np.int64], NDArray[np.float64]]]:
+    """Distinct candidates whose poses fit the coarse map best, best first, and what was screened for them.
 
     The descriptor alone mistakes the place where sparse beams, occluders or a wrong up change many cells. A
     hundred points of the scan tell the places apart at a tenth of a registration's time.
 
     Args:
         levelled: the query's scans, each levelled in one way or several, which share the effort.
+        before: templates and scores of what the step before has screened, if one has.
     """
-    poses, clusters = (max(1, share // len(levelled)) for share in (effort.screened, effort.clusters))
+    screened = effort.screened if before is None else int(SCREENED_AGAIN * effort.screened)
+    poses, clusters = (max(1, share // len(levelled)) for share in (screened, effort.clusters))
+    among = None if before is None else promising_templates(index, *before)
     descriptor = index.cascade.descriptor
     found = Candidates.merged(
         [
             candidates_of_scan(
-                index, scan.described_by(descriptor), scan, options.prior, poses, clusters, per_spot=None
+                index, scan.described_by(descriptor), scan, options.prior, poses, clusters, None, among
             )
             for scan in levelled
         ]
@@ -238,20 +262,44 @@ def screened_candidates(
     T_level_sensor, score = index.surface.screen(prepared.sparse, found.T_level_sensor)
     best = np.argsort(-score, kind="stable")
     best = best[distinct(T_level_sensor[best], index.config.ranking, most=effort.candidates)]
-    return Candidates(found.template[best], T_level_sensor[best], score[best])
+    chosen = Candidates(found.template[best], T_level_sensor[best], score[best])
+    return chosen, (found.template, score)
+
+
+def promising_templates(
+    index: MapIndex, template: NDArray[np.int64], score: NDArray[np.float64]
+) -> NDArray[np.int64]:
+    """Rows of templates where the best screened poses began, of those near them, and where none did.
+
+    Args:
+        template, score: (n,) of the screened poses.
+    """
+    position_m = index.cascade.templates.position_m
+    best = np.full(len(position_m), -np.inf)
+    np.maximum.at(best, template, score)
+    rows = np.flatnonzero(best > -np.inf)
+    order = rows[np.argsort(-best[rows], kind="stable")][: int(BEST_TEMPLATES * len(rows)) + 1]
+    is_promising = best == -np.inf
+    for row in order.tolist():
+        near = index.cascade.tiles.within(position_m, position_m[row], NEIGHBOUR_SPACINGS * index.config.spacing_m)
+        is_promising[near] = True
+    return np.flatnonzero(is_promising)
 
 
 def _search(searches: Sequence[MapSearch]) -> None:
     """Climbs the effort levels until a place explains the scan: most scans need the first step alone."""
     for search in searches:
         search.take(Step.NARROW)
+        search.rank()
         if not search.is_settled:
             search.take(Step.WIDE)
     for step in (Step.OTHER_UPS, Step.EXHAUSTIVE):
         if any(search.explains_scan for search in searches):
-            return
+            break
         for search in searches:
             search.take(step)
+    for search in searches:
+        search.rank()
 
 
 PROBED_TEMPLATES = 24  # templates that are registered, of all maps together
@@ -270,6 +318,7 @@ def _one_explains_scan(searches: Sequence[MapSearch]) -> bool:
         return False
     best = max(found, key=lambda search: search.registered[0].support)
     best.take(Step.NARROW)
+    best.rank()
     return best.is_settled
 
 

@@ -11,16 +11,26 @@ namespace firstfix {
 
 namespace detail {
 
+// Whether a search's best place explains the scan. What cannot do so is not ranked for it.
+inline bool explains_scan(MapSearch& search, StageTimes& times) {
+  if (!search.may_explain_scan(times)) return false;
+  search.rank(times);
+  return search.explains_scan();
+}
+
 // Until a place explains the scan: most scans need the first step alone.
 inline void climb(const std::vector<MapSearch*>& searches, StageTimes& times) {
   for (MapSearch* const search : searches) {
     search->take(Step::narrow, times);
+    search->rank(times);
     if (!search->is_settled()) search->take(Step::wide, times);
   }
+  const auto explains = [&](MapSearch* search) { return explains_scan(*search, times); };
   for (const Step step : {Step::other_ups, Step::exhaustive}) {
-    if (std::any_of(searches.begin(), searches.end(), [](const MapSearch* search) { return search->explains_scan(); })) return;
+    if (std::any_of(searches.begin(), searches.end(), explains)) break;
     for (MapSearch* const search : searches) search->take(step, times);
   }
+  for (MapSearch* const search : searches) search->rank(times);
 }
 
 // Probes all maps, and takes the first step in the best one. Returns whether its place is accepted. The places of the others
@@ -37,6 +47,7 @@ inline bool one_explains_scan(const std::vector<MapSearch*>& searches, StageTime
   }
   if (best == nullptr) return false;
   best->take(Step::narrow, times);
+  best->rank(times);
   return best->is_settled();
 }
 

@@ -16,6 +16,11 @@ constexpr double kStoreyM = 1.5;       // in height, at least: of a floor above 
 
 // Probability below which a place is hopeless: then its rivals are not counted, and they could not move it by more.
 constexpr double kHopelessBelow = 0.01;
+// Probability that a pose has at most, from which on it may be sure once it is aligned finely.
+constexpr double kMayBeSure = 0.5;
+// Poses, best by alignment first: where none of so many may be sure, those that fit worse are no answer either. Over 29 such
+// scans of the demo's factory, no probability moved by more than 0.006 (lab/docs/experiments.md).
+constexpr std::size_t kEnoughUnsure = 12;
 
 // Whether a position, (3,), is above or below another one, on another storey.
 inline bool is_stacked(const double* at_m, const double* other_m) {
@@ -53,7 +58,9 @@ class FreeSpaceOrder {
       : map_(map), measures_(measures), spots_(spots) {}
 
   // The check only lowers support. So it stops at the first pose that is too weak already, or that could not keep the best
-  // one from being accepted, or where the best one is hopeless. Known aliases of the best one tie sooner: of what is left they are checked, too.
+  // one from being accepted, or where the best one is hopeless. Of the others, poses that are surely outdone are left out, and
+  // those after many unsure ones, unless an earlier order has checked them. Known aliases of the best one tie sooner: of what is
+  // left they are checked, too.
   //
   // registered: in the order of the support that they have at most. aliases: poses of the known aliases.
   RegisteredPoses checked(const RegisteredPoses& registered, const std::vector<PoseMatrix>& aliases) {
@@ -63,19 +70,24 @@ class FreeSpaceOrder {
       if (checked.size() > 1) {
         measures_.measure(checked.front());
         if (is_settled(checked, registered[i])) {
-          unchecked_.assign(registered.begin() + static_cast<std::ptrdiff_t>(i), registered.end());
-          for (RegisteredPose& alias : tied_aliases(checked.front(), aliases)) {
-            measures_.check_free_space(alias);
-            checked.push_back(alias);
-          }
+          unchecked_.insert(unchecked_.end(), registered.begin() + static_cast<std::ptrdiff_t>(i), registered.end());
           break;
         }
       }
       RegisteredPose one = registered[i];
+      if (!measures_.is_checked(one) && (are_unsure(checked) || is_outdone(checked, one))) {
+        unchecked_.push_back(one);
+        continue;
+      }
       measures_.check_free_space(one);
       checked.insert(std::upper_bound(checked.begin(), checked.end(), one, has_more_support), one);
     }
-    if (!checked.empty()) measures_.measure(checked.front());
+    if (checked.empty()) return checked;
+    for (RegisteredPose& alias : tied_aliases(checked.front(), aliases)) {
+      measures_.check_free_space(alias);
+      checked.push_back(alias);
+    }
+    measures_.measure(checked.front());
     return checked;
   }
 
@@ -105,10 +117,30 @@ class FreeSpaceOrder {
            map_.calibration.most(best.fit, map_.ranking) < likely;
   }
 
+  // Whether so many poses are no answer that none of the following ones is. In motion, each fits better than it is aligned.
+  bool are_unsure(RegisteredPoses& checked) {
+    if (checked.size() < kEnoughUnsure || map_.calibration.is_prior || checked.front().registration.twist) return false;
+    return std::none_of(checked.begin(), checked.end(), [&](RegisteredPose& one) {
+      measures_.measure(one);
+      return map_.calibration.most(one.fit, map_.ranking) >= kMayBeSure;
+    });
+  }
+
+  // Whether a pose is surely behind all that are refined, the last of which does not tie with the best one: so it is no best
+  // rival either. One that may look alike, in motion or on another storey, is compared at any support. checked: best first.
+  bool is_outdone(const RegisteredPoses& checked, const RegisteredPose& one) const {
+    if (checked.size() < map_.ranking.max_refined || checked.size() < 2) return false;
+    const RegisteredPose &best = checked.front(), &last = checked[map_.ranking.max_refined - 1];
+    const double tie = std::max(map_.calibration.min_margin, map_.calibration.alias_margin);
+    const bool may_look_alike =
+        is_in_motion(best.registration) || is_stacked(best.registration.T_level_sensor, one.registration.T_level_sensor);
+    return !may_look_alike && best.support - last.support > tie && measures_.most_support(one) < last.support;
+  }
+
   const SearchedMap& map_;
   PlaceMeasures& measures_;
   std::size_t spots_;
-  RegisteredPoses unchecked_;  // of the last order, where it stopped
+  RegisteredPoses unchecked_;  // of the last order
 };
 
 }  // namespace firstfix

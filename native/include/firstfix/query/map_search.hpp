@@ -10,12 +10,16 @@
 
 #include "firstfix/query/effort.hpp"
 #include "firstfix/query/level_hypotheses.hpp"
+#include "firstfix/query/promising_templates.hpp"
 #include "firstfix/query/search.hpp"
 #include "firstfix/query/similar_places.hpp"
 #include "firstfix/query/stage_times.hpp"
 #include "firstfix/scan/other_ups.hpp"
 
 namespace firstfix {
+
+// Share of its poses that a step screens where a step before it has.
+constexpr double kScreenedAgain = 0.4;
 
 // What a caller says of a query.
 struct SearchOptions {
@@ -56,11 +60,27 @@ class MapSearch {
   // Steps that were taken, in order.
   const std::vector<Step>& taken() const { return taken_; }
 
-  // As of Search.
+  // As of Search, of what was ranked.
   bool is_settled() const { return search_.is_settled(); }
   bool explains_scan() const { return search_.explains_scan(); }
 
-  // Searches with the effort of one step, if the deadline leaves time for it.
+  // Whether what the steps so far have aligned may explain the scan, by what it is ranked as, or could be. Else it need not be
+  // ranked yet.
+  bool may_explain_scan(StageTimes& times) {
+    return is_ranked_ || times.of("register", [&] { return search_.may_explain_scan(); });
+  }
+
+  // Ranks what the steps so far have aligned.
+  void rank(StageTimes& times) {
+    if (is_ranked_) return;
+    times.of("register", [&] {
+      search_.rank({});
+      if (map_.effort.is_widened()) search_.search_near();
+    });
+    is_ranked_ = true;
+  }
+
+  // Aligns what one step finds, if the deadline leaves time for it. `rank` then compares it.
   void take(Step step, StageTimes& times) {
     if (expected_s(step, map_.effort, narrow_s_) > options_.deadline.left_s()) return;
     if (step == Step::narrow) {
@@ -84,7 +104,8 @@ class MapSearch {
     const Described described = times.of("describe", [&] { return described_of(levelled); });
     const std::vector<Candidate> candidates =
         times.of("search", [&] { return similar(levelled, described, options_.prior, wanted()); });
-    return times.of("register", [&] { return search_.most_inliers(candidates); }) > inlier_ratio;
+    align(candidates, times);
+    return search_.most_inliers() > inlier_ratio;
   }
 
   // Registers the best few templates by descriptor, to see whether the scan may be of this map at all. The first step then adds
@@ -94,7 +115,8 @@ class MapSearch {
     const Described described = times.of("describe", [&] { return described_of(levelled); });
     const std::size_t most = std::min(count, options_.max_candidates.value_or(count));
     const std::vector<Candidate> candidates = times.of("search", [&] { return similar(levelled, described, options_.prior, most); });
-    times.of("register", [&] { search_.run(candidates, std::nullopt, {}); });
+    align(candidates, times);
+    times.of("register", [&] { search_.rank({}); });
   }
 
   // Lets the known aliases of the best pose compete, if it would be accepted. Those that were not registered yet are tried if there
@@ -122,19 +144,17 @@ class MapSearch {
   void by_descriptor(const std::vector<LevelledScan>& levelled, StageTimes& times) {
     if (levelled.empty()) return;
     const Described described = times.of("describe", [&] { return described_of(levelled); });
-    run(times.of("search", [&] { return similar(levelled, described, options_.prior, wanted()); }), times);
+    align(times.of("search", [&] { return similar(levelled, described, options_.prior, wanted()); }), times);
   }
 
   void by_screening(const Effort& effort, bool tilted, StageTimes& times) {
     const std::vector<LevelledScan> levelled = times.of("preprocess", [&] { return levelled_otherwise(tilted); });
-    run(times.of("search", [&] { return screened(levelled, effort); }), times);
+    align(times.of("search", [&] { return screened(levelled, effort); }), times);
   }
 
-  void run(const std::vector<Candidate>& candidates, StageTimes& times) {
-    times.of("register", [&] {
-      search_.run(candidates, std::nullopt, {});
-      if (map_.effort.is_widened()) search_.search_near();
-    });
+  void align(const std::vector<Candidate>& candidates, StageTimes& times) {
+    times.of("register", [&] { search_.align(candidates, std::nullopt); });
+    is_ranked_ = false;
   }
 
   std::vector<LevelledScan> as_measured() const {
@@ -191,10 +211,17 @@ class MapSearch {
 
   // Distinct candidates whose poses fit the coarse map best, best first. The descriptor alone mistakes the place where sparse
   // beams, occluders or a wrong up change many cells. A hundred points of the scan tell the places apart at a tenth of a
-  // registration's time. The scans, each levelled in one way or several, share the effort.
+  // registration's time. The scans, each levelled in one way or several, share the effort. Where a step before has screened, only
+  // templates that are promising by that are compared.
   std::vector<Candidate> screened(const std::vector<LevelledScan>& levelled, const Effort& effort) {
     const auto share = [&](std::size_t all) { return std::max<std::size_t>(1, all / levelled.size()); };
-    const Wanted each{share(effort.screened), share(effort.clusters), false};
+    Wanted each{share(effort.screened), share(effort.clusters), false};
+    TemplateRows promising;
+    if (!screened_.empty()) {
+      promising = promising_of_screened();
+      each.among = &promising;
+      each.most = share(static_cast<std::size_t>(kScreenedAgain * static_cast<double>(effort.screened)));
+    }
     std::vector<Candidate> candidates = merged(levelled, described_of(levelled), options_.prior, each);
     // neighbours read the same part of the map
     std::stable_sort(candidates.begin(), candidates.end(),
@@ -207,6 +234,12 @@ class MapSearch {
       distinct.push_back(candidates[static_cast<std::size_t>(row)]);
     }
     return distinct;
+  }
+
+  TemplateRows promising_of_screened() const {
+    std::vector<std::pair<std::int64_t, double>> before;
+    for (const Screened& one : screened_) before.emplace_back(one.start.template_row, one.score);
+    return promising_templates(*map_.places, map_.spacing_m, before);
   }
 
   // Moves candidates, in the order of their templates, towards the map, and scores them there. The last step asks for much of what
@@ -276,6 +309,7 @@ class MapSearch {
   SearchOptions options_;
   Search search_;
   std::vector<Step> taken_;
+  bool is_ranked_ = true;
   std::vector<Screened> screened_;  // by the last step that screened, in the order of their templates
   double narrow_s_ = 0, outside_lead_ = 0;
 };

@@ -34,6 +34,8 @@ constexpr double kHopefulFrom = 0.85;
 // Alignment score from which on a place explains a scan so well that hopeless ones are no rivals. A scan that no place
 // explains needs them: they tell that it is of another place.
 constexpr double kExplainedFrom = 0.85;
+// By which fine alignment may raise the inlier ratio.
+constexpr double kRefinedBy = 0.15;
 
 // Aligns the candidates of one query in one map and keeps the poses that compete for the answer. It keeps what it found: a
 // later run adds to it, and repeats none of its work. Not thread-safe. The map, the query and the tables must outlive it.
@@ -60,12 +62,42 @@ class Search {
   // Distinct poses that the prior allows, best first: of all runs.
   const RegisteredPoses& found() const { return found_; }
 
-  // Finds poses from these candidates and those of all earlier runs. Only the best and its close rivals are aligned finely,
-  // and only if the best may still be accepted.
+  // Finds poses from these candidates and those of all earlier runs.
   //
   // twist: motion of the scan where these candidates come from. aliases: poses of the known aliases of the best pose.
   void run(const std::vector<Candidate>& candidates, const KnownTwist& twist, const std::vector<PoseMatrix>& aliases) {
     align(candidates, twist);
+    rank(aliases);
+  }
+
+  // Aligns all new candidates with few points: coarsely, then the good ones on the map's own points.
+  void align(const std::vector<Candidate>& candidates, const KnownTwist& twist) {
+    const std::vector<Candidate> fresh = at(candidates, untried(candidates, twist));
+    if (fresh.empty()) return;
+    const std::vector<PoseMatrix> starts = poses_of(fresh);
+    const std::vector<Registration> near = coarse_.align(starts, twist, map_.coarsely());
+    tried_.insert(tried_.end(), starts.begin(), starts.end());
+    double best = near.front().alignment_score;
+    for (const Registration& one : near) best = std::max(best, one.alignment_score);
+    few_.seen(twist, [&](Aligner& few) {
+      for (const bool hopeful : {true, false}) {
+        double explained = 0;
+        bool is_any = false;
+        for (std::size_t i = 0; i < fresh.size(); ++i) {
+          if ((near[i].alignment_score >= kHopefulFrom * best) != hopeful) continue;
+          const Registration rigid =
+              few.align(near[i].T_level_sensor, map_.usually(), map_.registration.inlier_distance_m);
+          explained = std::max(explained, rigid.alignment_score);
+          is_any = true;
+          aligned_.push_back({fresh[i].template_row, fresh[i].T_level_sensor, twist, rigid});
+        }
+        if (!is_any || explained >= kExplainedFrom) return;
+      }
+    });
+  }
+
+  // Ranks what was aligned. Only the best and its close rivals are aligned finely, and only if the best may still be accepted.
+  void rank(const std::vector<PoseMatrix>& aliases) {
     found_ = registered();
     if (!(aliases.empty() && is_alone_and_good())) found_ = ranked(order_.checked(found_, aliases), map_.ranking);
     if (found_.empty() || !may_be_accepted()) {
@@ -76,19 +108,29 @@ class Search {
     measure_finely();
   }
 
-  // Aligns candidates for a later run. Returns the largest share of the scan that lies on the map at one of them.
-  double most_inliers(const std::vector<Candidate>& candidates) {
-    align(candidates, std::nullopt);
+  // Largest share of the scan that lies on the map at one of the aligned poses.
+  double most_inliers() const {
     double most = 0;
     for (const AlignedStart& one : aligned_) most = std::max(most, one.rigid.inlier_ratio);
     return most;
+  }
+
+  // Whether one of the aligned poses may explain the scan, if nothing passes through the map there. In motion, all may.
+  bool may_explain_scan() {
+    if (in_motion_ || map_.calibration.is_prior) return true;
+    RegisteredPoses all = registered();
+    return std::any_of(all.begin(), all.end(), [&](RegisteredPose& one) {
+      if (one.fit.inlier_ratio < map_.ranking.convincing_inlier_ratio - kRefinedBy) return false;
+      measures_.measure(one);
+      return map_.calibration.most(one.fit, map_.ranking) >= kMayBeSure;
+    });
   }
 
   // Moves the best pose to a better minimum beside it, if there is one: along the direction that the scan constrains least
   // where the pose would be the answer, else all around. Free space does not choose between the two: they are one place, seen
   // from nearly the same spot.
   void search_near() {
-    if (found_.empty()) return;
+    if (found_.empty() || !may_be_accepted()) return;
     const Registration& placed = found_.front().registration;
     const auto offsets = is_settled() ? offsets_along(map_.nearby, placed.information) : offsets_around(map_.nearby);
     if (offsets.empty()) return;
@@ -219,32 +261,6 @@ class Search {
     std::vector<Candidate> some;
     for (const std::int64_t row : rows) some.push_back(candidates[static_cast<std::size_t>(row)]);
     return some;
-  }
-
-  // Aligns all new candidates with few points: coarsely, then the good ones on the map's own points.
-  void align(const std::vector<Candidate>& candidates, const KnownTwist& twist) {
-    const std::vector<Candidate> fresh = at(candidates, untried(candidates, twist));
-    if (fresh.empty()) return;
-    const std::vector<PoseMatrix> starts = poses_of(fresh);
-    const std::vector<Registration> near = coarse_.align(starts, twist, map_.coarsely());
-    tried_.insert(tried_.end(), starts.begin(), starts.end());
-    double best = near.front().alignment_score;
-    for (const Registration& one : near) best = std::max(best, one.alignment_score);
-    few_.seen(twist, [&](Aligner& few) {
-      for (const bool hopeful : {true, false}) {
-        double explained = 0;
-        bool is_any = false;
-        for (std::size_t i = 0; i < fresh.size(); ++i) {
-          if ((near[i].alignment_score >= kHopefulFrom * best) != hopeful) continue;
-          const Registration rigid =
-              few.align(near[i].T_level_sensor, map_.usually(), map_.registration.inlier_distance_m);
-          explained = std::max(explained, rigid.alignment_score);
-          is_any = true;
-          aligned_.push_back({fresh[i].template_row, fresh[i].T_level_sensor, twist, rigid});
-        }
-        if (!is_any || explained >= kExplainedFrom) return;
-      }
-    });
   }
 
   // The best ones that may compete, of all runs: distinct poses that the prior allows, best first.

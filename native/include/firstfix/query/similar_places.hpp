@@ -38,6 +38,8 @@ struct LevelledScan {
   bool is_as_measured;
 };
 
+using TemplateRows = std::vector<std::int64_t>;
+
 // Where templates are looked for, in their own frame.
 struct Sphere {
   detail::Vector3 centre_m;
@@ -45,8 +47,8 @@ struct Sphere {
 };
 
 // Finds the templates that resemble a described scan, of so many clusters nearest by key; nowhere else than in a sphere, if one
-// is given.
-using FindTemplates = std::function<Matches(const std::optional<Sphere>& within, std::size_t clusters)>;
+// is given, and among ascending rows, if they are.
+using FindTemplates = std::function<Matches(const std::optional<Sphere>& within, std::size_t clusters, const TemplateRows* among)>;
 
 // Describes a levelled scan as a map's templates are.
 using Describe = std::function<FindTemplates(const QueriedScan& scan, const LevelledScan& levelled)>;
@@ -64,9 +66,10 @@ inline Describe by_occupancy(const Cascade& cascade, const LayeredGrid& grid) {
       for (std::size_t i = 0; i < 9; ++i) R[i] = static_cast<float>(levelled.R_level_sensor[i / 3][i % 3]);
       occupied_cells(scan.seen.data, start, &height_m, 1, &R, grid, occupancy.data());
     }
-    return FindTemplates([&cascade, occupancy = std::move(occupancy)](const std::optional<Sphere>& within, std::size_t clusters) {
-      return within ? cascade.search_near(occupancy.data(), within->centre_m, within->radius_m, clusters)
-                    : cascade.search(occupancy.data(), clusters);
+    return FindTemplates([&cascade, occupancy = std::move(occupancy)](const std::optional<Sphere>& within, std::size_t clusters,
+                                                                      const TemplateRows* among) {
+      return within ? cascade.search_near(occupancy.data(), within->centre_m, within->radius_m, clusters, among)
+                    : cascade.search(occupancy.data(), clusters, among);
     });
   };
 }
@@ -79,6 +82,7 @@ constexpr std::size_t kMostPerSpot = 3;
 struct Wanted {
   std::size_t most, clusters;  // whose templates are compared, nearest by key
   bool is_spread = true;       // kMostPerSpot of one spot at most
+  const TemplateRows* among = nullptr;  // only these, ascending
 };
 
 // Candidates that the prior allows, most similar first.
@@ -94,7 +98,7 @@ inline std::vector<Candidate> similar_places(const TemplatePlaces& places, doubl
   }
   const LevelledFrame frame{levelled.R_level_sensor, levelled.height_m, detail::inverse(T_last_scan)};
   const Spot spot{kSpotM, std::cos(kSpotDeg * (detail::kPi / 180)), kMostPerSpot};
-  const Candidates found = candidates_of(find(within, wanted.clusters), places.position_m, places.height_m, frame,
+  const Candidates found = candidates_of(find(within, wanted.clusters, wanted.among), places.position_m, places.height_m, frame,
                                          headings ? &*headings : nullptr, wanted.most, wanted.is_spread ? &spot : nullptr);
   std::vector<Candidate> made;
   for (std::size_t i = 0; i < found.templates.size(); ++i) {

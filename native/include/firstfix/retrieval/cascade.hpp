@@ -80,28 +80,31 @@ struct Cascade {
     require(keys.numbers == (form.projection == nullptr ? numbers : form.columns), "a key has another number of numbers");
   }
 
-  // Compares one occupancy with all templates of the `most` clusters nearest by key.
-  Matches search(const std::uint8_t* occupancy, std::size_t most) const {
+  // Compares one occupancy with all templates of the `most` clusters nearest by key. among: ascending rows; only these, if given.
+  Matches search(const std::uint8_t* occupancy, std::size_t most, const std::vector<std::int64_t>* among = nullptr) const {
     if (most >= clusters.count) {
+      if (among != nullptr) return compare(occupancy, *among);
       std::vector<std::int64_t> every(templates.count);
       std::iota(every.begin(), every.end(), 0);
       return compare(occupancy, std::move(every));
     }
-    return compare(occupancy, members(nearest_keys(keys, key_of(occupancy).data(), most)));
+    std::vector<std::int64_t> found = members(nearest_keys(keys, key_of(occupancy).data(), most));
+    return compare(occupancy, among == nullptr ? std::move(found) : in_both(found, *among));
   }
 
   // Compares one occupancy with templates inside a sphere: with all of them if they are few, else with those of the `most`
-  // clusters nearest by key.
-  Matches search_near(const std::uint8_t* occupancy, const detail::Vector3& centre, double radius_m,
-                      std::size_t most) const {
+  // clusters nearest by key. among: as of `search`.
+  Matches search_near(const std::uint8_t* occupancy, const detail::Vector3& centre, double radius_m, std::size_t most,
+                      const std::vector<std::int64_t>* among = nullptr) const {
     const std::vector<std::int64_t> inside = tiles.within(position_m, centre, radius_m);
-    if (inside.size() <= most) return compare(occupancy, inside);
-    if (inside.size() == templates.count) return search(occupancy, most);
+    const auto compare_asked = [&](const std::vector<std::int64_t>& rows) {
+      return compare(occupancy, among == nullptr ? rows : in_both(rows, *among));
+    };
+    if (inside.size() <= most) return compare_asked(inside);
+    if (inside.size() == templates.count) return search(occupancy, most, among);
     const std::vector<std::int64_t> represented = represented_by(inside);
     const std::vector<std::int64_t> found = members(nearest_keys(keys, key_of(occupancy).data(), most, &represented));
-    std::vector<std::int64_t> rows;
-    std::set_intersection(found.begin(), found.end(), inside.begin(), inside.end(), std::back_inserter(rows));
-    return compare(occupancy, std::move(rows));
+    return compare_asked(in_both(found, inside));
   }
 
   std::vector<float> key_of(const std::uint8_t* occupancy) const {
@@ -117,6 +120,12 @@ struct Cascade {
   }
 
  private:
+  static std::vector<std::int64_t> in_both(const std::vector<std::int64_t>& one, const std::vector<std::int64_t>& other) {
+    std::vector<std::int64_t> rows;
+    std::set_intersection(one.begin(), one.end(), other.begin(), other.end(), std::back_inserter(rows));
+    return rows;
+  }
+
   // Templates of clusters, ascending.
   std::vector<std::int64_t> members(const std::vector<std::int64_t>& of) const {
     std::vector<std::int64_t> rows;
