@@ -22,6 +22,7 @@ from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from firstfix.engine.deadline import Deadline
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.errors import FirstfixError
@@ -43,12 +44,13 @@ def load_localizer(directory: Path) -> Localizer:
 def main(
     queries: socket.socket,
     control: Connection,
+    cancelled: memoryview,
     bodies: memoryview,
     counts_sightings: bool,
 ) -> None:
     """Answers queries until the service is gone."""
-    for number in (signal.SIGINT, signal.SIGTERM):  # for the service, which still finishes queries
-        signal.signal(number, signal.SIG_IGN)
+    for ending in (signal.SIGINT, signal.SIGTERM):  # for the service, which still finishes queries
+        signal.signal(ending, signal.SIG_IGN)
     sightings = SightingCounter() if counts_sightings else None
     sys.setswitchinterval(SWITCH_S)
     localizers = Localizers(load_localizer, len(bodies), sightings)
@@ -60,8 +62,11 @@ def main(
             received = reader.receive(queries)
             if received is None:
                 continue
-            asked, inline, shared_bytes = received
-            good, value = _outcome(partial(_answer, localizers, asked, inline, bodies[:shared_bytes]))
+            asked, inline, shared_bytes, number = received
+            deadline = Deadline(asked.deadline, cancelled, number)
+            good, value = _outcome(
+                partial(_answer, localizers, asked, inline, bodies[:shared_bytes], deadline)
+            )
             del received, asked, inline
             reader.forget()
             send_all(queries, reply_of(good, value))
@@ -71,8 +76,10 @@ def main(
             return
 
 
-def _answer(localizers: Localizers, asked: Asked, inline: memoryview, shared: memoryview) -> Answered:
-    return localizers.answer(asked.filled(body=shared or inline))
+def _answer(
+    localizers: Localizers, asked: Asked, inline: memoryview, shared: memoryview, deadline: Deadline
+) -> Answered:
+    return localizers.answer(asked.filled(body=shared or inline), deadline)
 
 
 def _serve_control(control: Connection, localizers: Localizers, sightings: SightingCounter | None) -> None:
@@ -106,6 +113,6 @@ if __name__ == "__main__":
     main(
         socket.socket(fileno=number),
         Connection(control_number),
-        mapped_bodies(file, max_body_bytes),
+        *mapped_bodies(file, max_body_bytes),
         bool(counts_sightings),
     )
