@@ -27,6 +27,7 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.errors import FirstfixError
 
+from .freed_memory import return_freed
 from .localizers import Localizers
 from .look import Answered, Asked
 from .protocol import DROP, HELLO, LOAD, TAKE, WARM, MessageReader, mapped_bodies, reply_of, send_all
@@ -86,7 +87,7 @@ def _serve_control(control: Connection, localizers: Localizers, sightings: Sight
     do: dict[str, Callable[[ServedVersion], object]] = {
         LOAD: localizers.load,
         WARM: localizers.warm_up,
-        DROP: localizers.drop,
+        DROP: partial(_drop, localizers),
         HELLO: lambda _: None,
         TAKE: lambda _: Sighted() if sightings is None else sightings.take(),
     }
@@ -96,6 +97,11 @@ def _serve_control(control: Connection, localizers: Localizers, sightings: Sight
             control.send(_outcome(partial(do[what], version)))
     except (EOFError, OSError):
         os._exit(0)  # whatever the main thread does: nobody waits for it any more
+
+
+def _drop(localizers: Localizers, version: ServedVersion) -> None:
+    localizers.drop(version)
+    return_freed()
 
 
 def _outcome(work: Callable[[], object]) -> tuple[bool, object]:
