@@ -40,7 +40,8 @@
     |- QuotaExceeded              the caller has reached a limit
     |- Overloaded                 the queue is full: try again later
     |- WorkerLost                 the process that worked on it died: try again
-    `- DeadlineExceeded           the answer would be too late
+    |- DeadlineExceeded           the answer would be too late
+    `- QueryCancelled             nobody waits for the answer any more
 
 Clients match on the code, so it never changes. The name of a class may change.
 """
@@ -354,6 +355,12 @@ class DeadlineExceeded(FirstfixError):
     """The answer would be too late."""
 
     code = "deadline_exceeded"
+
+
+class QueryCancelled(FirstfixError):
+    """Nobody waits for the answer any more."""
+
+    code = "query_cancelled"
 
 
 def all_errors() -> list[type[FirstfixError]]:

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -100,6 +101,18 @@ const LayeredGrid* grid_of(const nb::object& retrieval) {
   return nb::isinstance<CascadeTables>(retrieval) ? &nb::cast<const CascadeTables*>(retrieval)->grid() : nullptr;
 }
 
+// A cancellation and what holds its word.
+struct SharedCancellation {
+  In<std::uint64_t, nb::shape<1>> held;
+  Cancellation shared;
+};
+
+SharedCancellation cancellation_of(In<std::uint64_t, nb::shape<1>> word, std::uint64_t number) {
+  require(reinterpret_cast<std::uintptr_t>(word.data()) % alignof(Cancellation::Word) == 0, "a word is aligned");
+  const auto* shared = reinterpret_cast<const Cancellation::Word*>(word.data());
+  return {std::move(word), {*shared, number}};
+}
+
 std::vector<MapSearch*> searches_in(const std::vector<MapSearch*>& given) {
   for (const MapSearch* const one : given) require(one != nullptr, "a search is None");
   return given;
@@ -144,21 +157,32 @@ void bind_map_search(nb::module_& module) {
       .value("WIDE", Step::wide)
       .value("OTHER_UPS", Step::other_ups)
       .value("EXHAUSTIVE", Step::exhaustive);
+  nb::class_<SharedCancellation>(module, "Cancellation")
+      .def(
+          "__init__",
+          [](SharedCancellation* place, In<std::uint64_t, nb::shape<1>> word, std::uint64_t number) {
+            new (place) SharedCancellation(cancellation_of(std::move(word), number));
+          },
+          "word"_a.noconvert(), "number"_a)
+      .def_prop_ro("is_requested", [](const SharedCancellation& one) { return one.shared.is_requested(); });
   nb::class_<MapSearch>(module, "MapSearch")
       .def(
           "__init__",
           [](MapSearch* place, const SearchedMap& map, nb::object retrieval, const PreparedQuery& query,
-             std::optional<PriorNumbers> prior, std::optional<std::size_t> max_candidates, std::optional<double> asked, double left_s) {
+             std::optional<PriorNumbers> prior, std::optional<std::size_t> max_candidates, std::optional<double> asked, double left_s,
+             const SharedCancellation* cancellation) {
             require(!max_candidates || (*max_candidates >= 1 && *max_candidates <= kMostCandidates), "max_candidates is out of range");
             const SensorState& sensor = query.sensor();
+            Deadline deadline = Deadline::after_s(left_s);
+            if (cancellation != nullptr) deadline = deadline.unless(cancellation->shared);
             const SearchOptions options{prior_of(prior), sensor.gravity, sensor.up_by_mounting, max_candidates,
-                                        asked.value_or(std::numeric_limits<double>::quiet_NaN()), Deadline::after_s(left_s)};
+                                        asked.value_or(std::numeric_limits<double>::quiet_NaN()), deadline};
             std::vector<QueriedScan> scans = query.queried(grid_of(retrieval));
             Describe describe = describe_of(std::move(retrieval), map);
             without_gil([&] { new (place) MapSearch(map, query.searched(), std::move(scans), std::move(describe), options); });
           },
-          nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), "map"_a, "retrieval"_a, "query"_a, "prior"_a.none(),
-          "max_candidates"_a.none(), "asked"_a.none(), "left_s"_a)
+          nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), nb::keep_alive<1, 9>(), "map"_a, "retrieval"_a, "query"_a, "prior"_a.none(),
+          "max_candidates"_a.none(), "asked"_a.none(), "left_s"_a, "cancellation"_a.none())
       .def("take",
            [](MapSearch& search, Step step) {
              return timed([&](StageTimes& times) {

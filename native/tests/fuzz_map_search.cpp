@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "firstfix/query/answered.hpp"
@@ -13,9 +14,12 @@
 namespace firstfix::tests {
 namespace {
 
-// Finds any templates.
-Describe by_chance(Hostile& random, std::size_t templates) {
-  return [&random, templates](const QueriedScan&, const LevelledScan& levelled) {
+constexpr std::uint64_t kNumber = 7;  // of the query
+
+// Finds any templates, and cancels the query now and then.
+Describe by_chance(Hostile& random, std::size_t templates, Cancellation::Word& cancelled) {
+  return [&random, templates, &cancelled](const QueriedScan&, const LevelledScan& levelled) {
+    if (random.chance(0.01)) cancelled = kNumber;
     for (const auto& row : levelled.R_level_sensor) {
       for (const double number : row) expect(std::fabs(number) <= 1 + 1e-6, "a rotation");
     }
@@ -31,12 +35,13 @@ Describe by_chance(Hostile& random, std::size_t templates) {
   };
 }
 
-SearchOptions options(Hostile& random) {
+SearchOptions options(Hostile& random, const Cancellation::Word& cancelled) {
   SearchOptions made{std::nullopt, std::nullopt, {0, 0, 1}, std::nullopt, random.real(1), Deadline()};
   if (random.chance(0.3)) made.prior = PriorRegion{pose(random, 0), {random.real(4, 0), 0, 0}, 5, random.real(180, 0), 90};
   if (random.chance(0.3)) made.gravity = detail::Vector3{0.1, 0.2, -9.8};
   if (random.chance(0.3)) made.max_candidates = static_cast<std::size_t>(random.number(1, 9));
   if (random.chance(0.2)) made.deadline = Deadline::after_s(-1);
+  made.deadline = made.deadline.unless({cancelled, kNumber});
   return made;
 }
 
@@ -77,18 +82,27 @@ void climb_once(Hostile& random) {
     query.scans.push_back(scan);
     scans.push_back({{T_last_scan, {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}}, thinned}, 1.2, {thinned.points, thinned.count}, nullptr});
   }
+  Cancellation::Word cancelled{random.chance(0.1) ? kNumber : kNumber - 1};
   std::vector<std::unique_ptr<MapSearch>> made;
   std::vector<MapSearch*> searches;
   for (std::int64_t i = random.number(1, 2); i > 0; --i) {
-    made.push_back(std::make_unique<MapSearch>(tables.map, query, scans, by_chance(random, tables.map.places->count), options(random)));
+    Describe describe = by_chance(random, tables.map.places->count, cancelled);
+    made.push_back(std::make_unique<MapSearch>(tables.map, query, scans, std::move(describe), options(random, cancelled)));
     searches.push_back(made.back().get());
   }
   StageTimes times;
-  if (random.chance(0.3)) searches.back()->may_fit(0.3, times);
   const bool is_one_likely = random.chance(0.4);
   std::optional<PoseMatrix> T_base_sensor;
   if (random.chance(0.3)) T_base_sensor = pose(random, 0);
-  check(answered(searches, is_one_likely, T_base_sensor, times), T_base_sensor.has_value());
+  const bool was_cancelled = cancelled == kNumber;
+  try {
+    if (random.chance(0.3)) searches.back()->may_fit(0.3, times);
+    check(answered(searches, is_one_likely, T_base_sensor, times), T_base_sensor.has_value());
+  } catch (const Error& error) {
+    expect(error.code() == "query_cancelled" && cancelled == kNumber, "ended because it was cancelled");
+    return;
+  }
+  expect(!was_cancelled, "a cancelled query has no answer");
   if (!is_one_likely) {
     for (const MapSearch* search : searches) check(*search);
   }

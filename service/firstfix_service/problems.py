@@ -66,9 +66,13 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.Overloaded: 503,
     errors.WorkerLost: 503,
     errors.DeadlineExceeded: 504,
+    errors.QueryCancelled: 499,
 }
 _METHOD_NOT_ALLOWED = "method_not_allowed"
-TITLES = {460: "Checksum Mismatch"}  # of the tus protocol, not registered with IANA
+TITLES = {
+    460: "Checksum Mismatch",
+    499: "Client Closed Request",
+}  # of tus and of nginx, not registered with IANA
 # Headers: when to try again; that the rest of a large body is not read.
 HEADERS: dict[type[FirstfixError], dict[str, str]] = {
     errors.Unauthorized: {"WWW-Authenticate": 'Bearer realm="firstfix"'},

@@ -40,12 +40,12 @@ def sanitised(once_a_run: OnceARun) -> Build:
     return Build(SANITISED_FOLDER)
 
 
-ON_BOARD = ("firstfix_similar_places", "firstfix_localize_here", "firstfix_clouds")
+ON_BOARD = ("firstfix_similar_places", "firstfix_localize_here", "firstfix_clouds", "firstfix_cancelled")
 
 
 @pytest.fixture(scope="session")
 def on_board(once_a_run: OnceARun) -> Build:
-    """The examples that need no service, and the reader of clouds, with optimisation."""
+    """The programs that need no service, with optimisation."""
     require_toolchain()
     once_a_run.folder("cpp-on-board", lambda folder: build(OPTIMISED_FOLDER, OPTIMISED, *ON_BOARD))
     return Build(OPTIMISED_FOLDER)

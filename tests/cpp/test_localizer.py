@@ -164,6 +164,17 @@ def test_a_deadline_ends_the_search_of_a_hard_scan(
     assert lines_of(in_haste) != lines_of(localizer.localize(scan))
 
 
+def test_a_cancelled_query_ends_and_the_next_one_is_answered_as_before(
+    on_board: Build, folder: Path, scan_file: Path
+):
+    first, at_once, other, running, last = on_board.run(
+        "firstfix_cancelled", folder, scan_file
+    ).stdout.splitlines()
+    assert first.split()[0] in ("localized", "ambiguous", "rejected")
+    assert (at_once, running) == ("query_cancelled", "query_cancelled")
+    assert first == other == last
+
+
 @pytest.mark.slow
 def test_it_answers_as_a_service_does_in_a_real_hall(on_board: Build, hall_directory: Path, tmp_path: Path):
     localizer = Localizer(MapIndex.load(hall_directory), explains=False)

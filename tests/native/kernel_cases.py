@@ -235,8 +235,10 @@ def _ladder(native: Any, retrieval: Any) -> Any:
     prior = np.eye(4), np.array([-6.0, 0, 0]), 10.0, 0.0, 180.0
     mounting = make_transform(R_LEVEL_SENSOR, [0.1, 0, 0.4])
 
+    other_was = native.Cancellation(np.array([1], np.uint64), 2)
+
     def made(prior: Any, gravity: Any, most: int | None) -> Any:
-        asked = prior, most, 0.1, np.inf
+        asked = prior, most, 0.1, np.inf, None if most is None else other_was
         return native.MapSearch(_searched(native), retrieval, _query(native, gravity=gravity), *asked)
 
     alone, one, other = made(prior, None, None), made(None, UP, 2), made(None, None, None)

@@ -110,7 +110,7 @@ class MapSearch:
 
     def take(self, step: Step) -> None:
         """Search with the effort of one step, if the caller's deadline leaves time for it."""
-        if self._expected_s(step) > self._watch.left_s:
+        if self._expected_s(step) > self._watch.deadline.left_s:
             return
         search = self._index.config.search
         if step is Step.NARROW:
@@ -154,7 +154,7 @@ class MapSearch:
         if index.aliases is None or not self._hypotheses.is_accepted(asked):
             return
         expected_s = SLOWER * self._narrow_s * config.aliases.tried / config.candidates
-        in_time = expected_s <= self._watch.left_s
+        in_time = expected_s <= self._watch.deadline.left_s
         if in_time:
             self._watch.add(self._hypotheses.try_aliases(asked, nearby=config.widened > 1))
         self.registered = self._hypotheses.with_look_alikes_marked()

@@ -106,7 +106,7 @@ def _lead(
 ) -> float | None:
     """Lead in support of a true pose over the best of its known aliases."""
     index = localizer.index
-    prepared = localizer.prepare(ScanSequence.single(scan), options, Stopwatch(math.inf))
+    prepared = localizer.prepare(ScanSequence.single(scan), options, Stopwatch())
     if prepared is None:
         return None
     hypotheses = HypothesisSearch(index, prepared)

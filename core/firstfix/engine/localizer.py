@@ -15,6 +15,7 @@ from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.scan import Scan
 from ..scan.sequence import AnyScan, ScanSequence
 from .config import PreprocessConfig
+from .deadline import Deadline
 from .descriptor_only import UnregisteredCandidate, answer_unregistered, find_unregistered
 from .diagnosis.diagnose import AskedQuery, diagnosed
 from .diagnosis.place_findings import reasons_found
@@ -63,12 +64,16 @@ class Localizer:
         self.index, self._explains = index, explains
 
     def localize(
-        self, scan: AnyScan, options: LocalizeOptions | None = None, deadline: float | None = None
+        self, scan: AnyScan, options: LocalizeOptions | None = None, deadline: Deadline | float | None = None
     ) -> Localization:
         """The sensor's pose in the map at the last scan, or the reason why there is none.
 
         Args:
-            deadline: of ``time.monotonic``, inf: none; None: ``deadline_ms`` of the options from now.
+            deadline: a time of ``time.monotonic``, inf: none; None: ``deadline_ms`` of the options from now.
+                A ``Deadline`` can also be cancelled, by another thread or process.
+
+        Raises:
+            QueryCancelled: the deadline was cancelled. It leaves nothing behind for the next query.
         """
         return localize_among({"": self}, scan, options, deadline, explains=self._explains)
 
@@ -112,7 +117,7 @@ def localize_among(
     maps: Mapping[str, SearchesMap],
     scan: AnyScan,
     options: LocalizeOptions | None = None,
-    deadline: float | None = None,
+    deadline: Deadline | float | None = None,
     *,
     explains: bool = True,
     likely_one: bool = False,
@@ -131,9 +136,11 @@ def localize_among(
             ``max_false_accept``.
         InvalidOption: a twist was given, and the times of the points are not known.
         DescriptorMismatch: a descriptor-only query whose parameters are not those of every map.
+        QueryCancelled: as ``Localizer.localize``.
     """
     began, options = time.monotonic(), options or LocalizeOptions()
-    watch = Stopwatch(options.deadline_from(began) if deadline is None else deadline)
+    at = options.deadline_from(began) if deadline is None else deadline
+    watch = Stopwatch(at if isinstance(at, Deadline) else Deadline(at))
     if len(maps) > 1 and (options.prior is not None or options.version is not None):
         raise InvalidOption("a prior and a version belong to one map: name it")
     if isinstance(scan, ScanDescriptor):

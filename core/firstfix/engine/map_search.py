@@ -50,7 +50,8 @@ class MapSearch:
             None if options.prior is None else prior_numbers(options.prior, index),
             options.max_candidates,
             threshold_of(index, options, map_id),
-            watch.left_s,
+            watch.deadline.left_s,
+            watch.deadline.cancellation,
         )
 
     @property

@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterable
+
+from .deadline import Deadline
 
 
 class Stopwatch:
     """Time of each stage, and the time left.
 
     Attributes:
-        deadline: of ``time.monotonic``; inf: none.
+        deadline: of the query.
         ms: milliseconds by stage, in the order in which stages began.
     """
 
-    def __init__(self, deadline: float = math.inf) -> None:
-        self.deadline = deadline
+    def __init__(self, deadline: Deadline | None = None) -> None:
+        self.deadline = deadline or Deadline()
         self.ms: dict[str, float] = {}
 
-    @property
-    def left_s(self) -> float:
-        """Seconds until the deadline; negative after it."""
-        return self.deadline - time.monotonic()
-
     def stage(self, name: str) -> _Stage:
-        """Add the time of a ``with`` block to a stage."""
+        """Add the time of a ``with`` block to a stage.
+
+        Raises:
+            QueryCancelled: as ``Deadline.check_wanted``.
+        """
+        self.deadline.check_wanted()
         return _Stage(self.ms, name)
 
     def add(self, stages: Iterable[tuple[str, float]]) -> None:

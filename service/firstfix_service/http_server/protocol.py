@@ -17,7 +17,7 @@ from starlette.requests import ClientDisconnect
 from uvicorn.protocols.http.flow_control import HIGH_WATER_LIMIT
 from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
 
-from ..limits.connections import Connections, ConnectionUse, EndReason
+from ..limits.connections import CHECK_S, Connections, ConnectionUse, EndReason
 from .exchange import Exchange
 from .request_heads import TOO_LARGE, RequestHeads
 from .streams import (
@@ -182,6 +182,7 @@ class LimitedHttpProtocol(RequestHeads):
                 self.cycle.keep_alive = False
             if self._answer_bytes is None and self.scope["http_version"] == "1.1":
                 self.transport.write(_CONTINUE)
+                self._look_after(_FIRST_LOOK_S)
         return True
 
     def pause_writing(self) -> None:
@@ -348,6 +349,16 @@ class LimitedHttpProtocol(RequestHeads):
         self._answer_bytes = size_bytes
         self.pace.begin(size_bytes, self.transport.get_write_buffer_size())
 
+    def _look_after(self, wait_s: float) -> None:
+        """Look again and again whether the caller is gone: a near one's system refuses data at once."""
+        if wait_s < CHECK_S:  # then ``overdue`` is called as often
+            self.loop.call_later(wait_s, self._look, wait_s)
+
+    def _look(self, waited_s: float) -> None:
+        if self._answering and not self.transport.is_closing():
+            self._look_for_reset()
+            self._look_after(2 * waited_s)
+
     def _look_for_reset(self) -> None:
         """End the connection if the caller's system has refused what was sent last: the caller is gone."""
         connection = self.transport.get_extra_info("socket")
@@ -400,4 +411,5 @@ class LimitedHttpProtocol(RequestHeads):
 
 
 _INVALID = "Invalid HTTP request received."
+_FIRST_LOOK_S = 0.005
 _CONTINUE = b"HTTP/1.1 100 Continue\r\n\r\n"

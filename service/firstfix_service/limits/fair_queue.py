@@ -46,6 +46,7 @@ class Job:
         began: time when its work began.
         charged_s: time that its turn was charged when its work began.
         is_slow: whether it counted as slow then.
+        worker, answer: that it was given, and what comes of it; None while it has none.
         shares: of its caller and of its map, from when it is added.
     """
 
@@ -63,6 +64,7 @@ class Job:
     is_slow: bool = False
     timer: asyncio.TimerHandle | None = None
     worker: Any = None
+    answer: asyncio.Future[Any] | None = None
     failed: Callable[[Any, Exception], Awaitable[None]] | None = None
     shares: tuple[_Caller, _Map] = field(init=False)
 
@@ -223,15 +225,19 @@ class FairQueue:
                 return job
         return None
 
-    def ended(self, job: Job, seconds: float) -> None:
-        """Remove a query whose work has ended, after so many seconds."""
+    def ended(self, job: Job, seconds: float, *, is_whole: bool = True) -> None:
+        """Remove a query whose work has ended, after so many seconds.
+
+        Args:
+            is_whole: False: it was cancelled, which says nothing of the time of a usual query.
+        """
         caller, of_map = job.shares
         size_bytes = job.size_bytes
         self._running -= 1
         self._slow.runs(job.asker, -job.is_slow)
         caller.used_s = max(caller.used_s + seconds - job.charged_s, self._virtual_time_s)
         of_map.used_s = max(of_map.used_s + seconds - job.charged_s, caller.virtual_time_s)
-        for one in (of_map, self):
+        for one in (of_map, self) if is_whole else ():
             if one.usual is None:
                 one.usual = UsualQuery(seconds, size_bytes)
             else:

@@ -19,7 +19,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
-from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded, WorkerLost
+from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded, QueryCancelled, WorkerLost
 
 from ..limits.asker import Asker
 from ..limits.byte_budget import ByteBudget
@@ -97,8 +97,9 @@ class QueryGate:
     ) -> Answered:
         """The answer of a worker, once it is the query's turn and a worker is free.
 
-        A cancelled call gives up its place in the queue. What a worker has begun goes on and keeps its place
-        until it ends; otherwise abandoned queries would pile up behind it.
+        A cancelled call gives up its place in the queue, and so does a late one. What a worker has begun is
+        cancelled there. It keeps its place until the worker is free; otherwise abandoned queries would pile
+        up behind it.
 
         Args:
             asker: takes turns with the others.
@@ -145,6 +146,8 @@ class QueryGate:
                 job.timer.cancel()
             if job.state in _WAITING:
                 self._leave(job)
+            elif job.answer is not None and not job.answer.done():  # late, or its caller has gone
+                job.worker.cancel(job.answer)
 
     async def close(self) -> None:
         """Refuse the queries that wait, and wait for the end of those that run."""
@@ -196,12 +199,12 @@ class QueryGate:
     def _begin(self, job: Job, worker: QueryWorker) -> None:
         job.began, job.worker = time.monotonic(), worker
         asked = job.ask_for(job.prepared, job.began - job.ready_since)
-        answer = job.context.run(worker.answer, asked)
+        answer = job.answer = job.context.run(worker.answer, asked)
         self._running.add(answer)
         answer.add_done_callback(partial(self._answered, job, asked))
 
     def _answered(self, job: Job, asked: Asked, answer: asyncio.Future[Answered]) -> None:
-        if answer.cancelled() or (error := answer.exception()) is None:
+        if answer.cancelled() or (error := answer.exception()) is None or isinstance(error, QueryCancelled):
             self._ended(job, answer)
             return
         self._running.discard(answer)
@@ -218,8 +221,11 @@ class QueryGate:
             if job.result.done():  # too late, or its caller has gone
                 raise _lost()
             job.worker = await self._another_worker()
+            if job.result.done():
+                raise _lost()
+            job.answer = job.worker.answer(asked)
             try:
-                return await job.worker.answer(asked)
+                return await job.answer
             except QueryWorkerDied:
                 job.worker = None
                 raise _lost() from None
@@ -258,11 +264,11 @@ class QueryGate:
 
     def _ended(self, job: Job, answer: asyncio.Future[Answered]) -> None:
         self._running.discard(answer)
-        self._queue.ended(job, time.monotonic() - job.began)
+        error = Overloaded("the service is stopping") if answer.cancelled() else answer.exception()
+        self._queue.ended(job, time.monotonic() - job.began, is_whole=not isinstance(error, QueryCancelled))
         job.prepared.close()
         if job.worker is not None:
             self._free.append(job.worker)
-        error = Overloaded("the service is stopping") if answer.cancelled() else answer.exception()
         if not job.result.done():
             if error is not None:
                 job.result.set_exception(error)

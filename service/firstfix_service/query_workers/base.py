@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Protocol
 
+from firstfix.engine.deadline import Deadline
 from firstfix.engine.localizer import Localizer
 
 from .localizers import Localizers
@@ -38,6 +39,14 @@ class QueryWorker(Protocol):
             DeadlineExceeded: the query took too long. The worker ends.
             InputError: the body or an option cannot be used.
             VersionError: a version cannot be loaded.
+            QueryCancelled: as ``cancel``.
+        """
+
+    def cancel(self, answer: asyncio.Future[Answered]) -> None:
+        """Let the query of an answer, for which nobody waits any more, end at once.
+
+        The answer then fails with QueryCancelled, unless it comes all the same. Until then the worker is not
+        free.
         """
 
 
@@ -106,6 +115,7 @@ class QueryWorkerThreads:
     ) -> None:
         self._sightings = SightingCounter() if counts_sightings else None
         self._localizers = Localizers(load, max_body_bytes, self._sightings)
+        self._deadlines: dict[asyncio.Future[Answered], Deadline] = {}  # of the queries under way
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="query")
         for _ in range(count):
             on_up(self)
@@ -131,10 +141,18 @@ class QueryWorkerThreads:
         """The answer to a query or a look."""
         context = contextvars.copy_context()  # for what is logged on the way
         loop = asyncio.get_running_loop()
-        answer = loop.run_in_executor(self._threads, context.run, self._localizers.answer, asked)
+        deadline = Deadline(asked.deadline)
+        answer = loop.run_in_executor(self._threads, context.run, self._localizers.answer, asked, deadline)
+        self._deadlines[answer] = deadline
+        answer.add_done_callback(self._deadlines.pop)
         if (sightings := self._sightings) is not None:
             answer.add_done_callback(lambda _: sightings.wake())
         return answer
+
+    def cancel(self, answer: asyncio.Future[Answered]) -> None:
+        """Let the query of an answer end."""
+        if answer in self._deadlines:
+            self._deadlines[answer].cancel()
 
     def take_sightings(self) -> list[Sighted]:
         """The sightings that were counted since the last call."""

@@ -10,6 +10,7 @@ import numpy as np
 import orjson
 
 from firstfix.answer.localization import Localization
+from firstfix.engine.deadline import Deadline
 from firstfix.engine.localizer import Localizer, localize_among
 from firstfix.engine.map_choice.sought_scan import SoughtScan, describe_sought
 from firstfix.engine.stopwatch import Stopwatch
@@ -36,28 +37,34 @@ def describe_query(query: Query, max_decoded_bytes: int) -> SoughtScan:
 
 
 def answer_query(
-    query: Query, localizers: Sequence[Localizer], max_decoded_bytes: int, offer: Offer | None = None
+    query: Query,
+    localizers: Sequence[Localizer],
+    max_decoded_bytes: int,
+    deadline: Deadline,
+    offer: Offer | None = None,
 ) -> EncodedAnswer:
     """The answer with its map version, the waits, and the time of decoding.
 
     Args:
         localizers: one for each of ``query.versions``.
+        deadline: of the query.
         offer: gets the version that answered, its localizer, the scan and the answer.
 
     Raises:
         InputError: the body or an option cannot be used.
+        QueryCancelled: the deadline was cancelled.
     """
-    watch = Stopwatch()
+    watch = Stopwatch(deadline)
     with watch.stage("decode"):
         plain = query.body_format.decompress(query.body, max_decoded_bytes)
         scan = query.body_format.decode(plain)
     by_map = {one.map_id: one for one in query.versions}
     if len(localizers) == 1:
         (answered,) = query.versions
-        answer = localizers[0].localize(scan, query.options, query.deadline)
+        answer = localizers[0].localize(scan, query.options, deadline)
     else:
         maps = dict(zip(by_map, localizers, strict=True))
-        answer = localize_among(maps, scan, query.options, query.deadline, likely_one=query.chosen_of > 0)
+        answer = localize_among(maps, scan, query.options, deadline, likely_one=query.chosen_of > 0)
         # If no map is sure: the map of the best hypothesis, if there is one.
         answered = by_map[answer.hypotheses[0].map_id] if answer.hypotheses else query.versions[0]
     answer = answer.of_version(answered.map_id, answered.version, provisional=answered.provisional)

@@ -69,7 +69,7 @@ class QueryWorkerHandle:
         self._reader = MessageReader()
         self._loop: asyncio.AbstractEventLoop | None = None  # that reads the replies
         self._reply: _Reply | None = None  # to the query under way
-        self._body_bytes = 0  # of that query
+        self._body_bytes, self._number = 0, 0  # of that query
         self._timer: asyncio.TimerHandle
         self._query_lock = threading.Lock()  # held by ``close`` too, or another file could get its number
         self._control_lock = threading.Lock()
@@ -96,13 +96,14 @@ class QueryWorkerHandle:
             DeadlineExceeded: no answer within ``query_timeout_s``.
             TooLarge: the body has more than ``max_body_bytes``.
             FirstfixError, QueryWorkerDefect: the query failed.
+            QueryCancelled: as ``cancel``.
         """
         loop = asyncio.get_running_loop()
         reply = _Reply(self._given_up, loop)
         if not self._query_lock.acquire(blocking=False):
             reply.set_exception(QueryWorkerDied("it is being closed"))
             return reply
-        self._reply, self._body_bytes = reply, len(asked.body)
+        self._reply, self._body_bytes, self._number = reply, len(asked.body), self._number + 1
         self._timer = loop.call_later(self._query_timeout_s, self._stuck)
         try:
             self._begin_to_read(loop)
@@ -112,6 +113,11 @@ class QueryWorkerHandle:
         except Exception as error:
             self._fail(error)
         return reply
+
+    def cancel(self, answer: asyncio.Future[Answered]) -> None:
+        """Let the query of an answer end, if it is still under way."""
+        if answer is self._reply:
+            self._bodies.cancel(self._number)
 
     def load(self, version: ServedVersion) -> int:
         """Load a version; returns its bytes in memory, without mapped files.
@@ -184,7 +190,7 @@ class QueryWorkerHandle:
         """
         if len(asked.body) > INLINE_BYTES:
             self._bodies.write(asked.body)
-        parts = message_of(asked)
+        parts = message_of(asked, self._number)
         if self._queries.sendmsg(parts) < sum(map(len, parts)):
             raise BlockingIOError("it does not read")
 

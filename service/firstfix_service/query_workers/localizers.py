@@ -10,6 +10,7 @@ from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
 
 import numpy as np
 
+from firstfix.engine.deadline import Deadline
 from firstfix.engine.localizer import Localizer
 from firstfix.errors import FirstfixError, VersionError
 
@@ -72,7 +73,7 @@ class Localizers:
         def ask_all() -> int:
             count = 0
             for query in own_queries(version, localizer.index):
-                answer_query(query, [localizer], self._max_decoded_bytes)
+                answer_query(query, [localizer], self._max_decoded_bytes, Deadline(query.deadline))
                 count += 1
             return count
 
@@ -89,15 +90,20 @@ class Localizers:
         if self._sightings is not None:
             self._sightings.unload(version)
 
-    def answer(self, asked: Asked) -> Answered:
-        """The answer to a query, its description, or a look. Loads the versions of a query."""
+    def answer(self, asked: Asked, deadline: Deadline) -> Answered:
+        """The answer to a query, its description, or a look. Loads the versions of a query.
+
+        Raises:
+            QueryCancelled: the deadline was cancelled.
+        """
+        deadline.check_wanted()
         if isinstance(asked, Look):
             return asked.answer(self._max_decoded_bytes)
         if asked.forms:
             return describe_query(asked, self._max_decoded_bytes)
         offer = None if self._sightings is None else self._sightings.offer
         localizers = [self._localizer(version) for version in asked.versions]
-        return answer_query(asked, localizers, self._max_decoded_bytes, offer)
+        return answer_query(asked, localizers, self._max_decoded_bytes, deadline, offer)
 
     def clear(self) -> None:
         """Unload all versions."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from firstfix.engine.map_choice.sought_scan import SoughtScan
 from firstfix.formats.point_cloud import Body
@@ -35,6 +36,7 @@ class Look:
     version: str | None = None
     body: Body = b""
     directory: Path | None = None
+    deadline: ClassVar[float] = math.inf
 
     @property
     def asker(self) -> Asker:

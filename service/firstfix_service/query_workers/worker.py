@@ -22,10 +22,12 @@ from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from firstfix.engine.deadline import Deadline
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.errors import FirstfixError
 
+from .freed_memory import return_freed
 from .localizers import Localizers
 from .look import Answered, Asked
 from .protocol import DROP, HELLO, LOAD, TAKE, WARM, MessageReader, mapped_bodies, reply_of, send_all
@@ -43,12 +45,13 @@ def load_localizer(directory: Path) -> Localizer:
 def main(
     queries: socket.socket,
     control: Connection,
+    cancelled: memoryview,
     bodies: memoryview,
     counts_sightings: bool,
 ) -> None:
     """Answers queries until the service is gone."""
-    for number in (signal.SIGINT, signal.SIGTERM):  # for the service, which still finishes queries
-        signal.signal(number, signal.SIG_IGN)
+    for ending in (signal.SIGINT, signal.SIGTERM):  # for the service, which still finishes queries
+        signal.signal(ending, signal.SIG_IGN)
     sightings = SightingCounter() if counts_sightings else None
     sys.setswitchinterval(SWITCH_S)
     localizers = Localizers(load_localizer, len(bodies), sightings)
@@ -60,8 +63,11 @@ def main(
             received = reader.receive(queries)
             if received is None:
                 continue
-            asked, inline, shared_bytes = received
-            good, value = _outcome(partial(_answer, localizers, asked, inline, bodies[:shared_bytes]))
+            asked, inline, shared_bytes, number = received
+            deadline = Deadline(asked.deadline, cancelled, number)
+            good, value = _outcome(
+                partial(_answer, localizers, asked, inline, bodies[:shared_bytes], deadline)
+            )
             del received, asked, inline
             reader.forget()
             send_all(queries, reply_of(good, value))
@@ -71,15 +77,17 @@ def main(
             return
 
 
-def _answer(localizers: Localizers, asked: Asked, inline: memoryview, shared: memoryview) -> Answered:
-    return localizers.answer(asked.filled(body=shared or inline))
+def _answer(
+    localizers: Localizers, asked: Asked, inline: memoryview, shared: memoryview, deadline: Deadline
+) -> Answered:
+    return localizers.answer(asked.filled(body=shared or inline), deadline)
 
 
 def _serve_control(control: Connection, localizers: Localizers, sightings: SightingCounter | None) -> None:
     do: dict[str, Callable[[ServedVersion], object]] = {
         LOAD: localizers.load,
         WARM: localizers.warm_up,
-        DROP: localizers.drop,
+        DROP: partial(_drop, localizers),
         HELLO: lambda _: None,
         TAKE: lambda _: Sighted() if sightings is None else sightings.take(),
     }
@@ -89,6 +97,11 @@ def _serve_control(control: Connection, localizers: Localizers, sightings: Sight
             control.send(_outcome(partial(do[what], version)))
     except (EOFError, OSError):
         os._exit(0)  # whatever the main thread does: nobody waits for it any more
+
+
+def _drop(localizers: Localizers, version: ServedVersion) -> None:
+    localizers.drop(version)
+    return_freed()
 
 
 def _outcome(work: Callable[[], object]) -> tuple[bool, object]:
@@ -106,6 +119,6 @@ if __name__ == "__main__":
     main(
         socket.socket(fileno=number),
         Connection(control_number),
-        mapped_bodies(file, max_body_bytes),
+        *mapped_bodies(file, max_body_bytes),
         bool(counts_sightings),
     )

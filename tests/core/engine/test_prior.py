@@ -63,7 +63,7 @@ def test_a_search_with_a_prior_asks_its_calibration(monkeypatch):
     monkeypatch.setattr(localizer_module, "MapSearch", lambda index, *given: index)
 
     def of_search(options: LocalizeOptions) -> Calibration:
-        return Localizer(INDEX).search(None, options, Stopwatch(np.inf)).calibration
+        return Localizer(INDEX).search(None, options, Stopwatch()).calibration
 
     assert of_search(LocalizeOptions()) == CALIBRATION
     assert of_search(LocalizeOptions(prior=about(1.0))) == TAUGHT

@@ -66,7 +66,7 @@ class TimedLocalizer(FakeLocalizer):
     deadlines: ClassVar[list[float]] = []
 
     def localize(self, scan, options=None, deadline=None) -> Localization:
-        self.deadlines.append(deadline)
+        self.deadlines.append(deadline.at)
         return super().localize(scan, options, deadline)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from firstfix.answer.localization import Verdict
-from firstfix.errors import DeadlineExceeded, NotFound, Overloaded, WorkerLost
+from firstfix.errors import DeadlineExceeded, NotFound, Overloaded, QueryCancelled, WorkerLost
 from firstfix_service.limits.asker import Asker
 from firstfix_service.limits.limits import Limits
 from firstfix_service.localize import query_gate
@@ -46,10 +46,14 @@ class Worker:
     def __init__(self, deaths: int = 0) -> None:
         self.is_alive = True
         self.asked: list[Query] = []
+        self.cancelled: list[asyncio.Future[Any]] = []
         self._deaths = deaths
 
     def answer(self, query: Any) -> asyncio.Future[Any]:
         return asyncio.ensure_future(self._answer(query))
+
+    def cancel(self, answer: asyncio.Future[Any]) -> None:
+        self.cancelled.append(answer)
 
     async def _answer(self, query: Any) -> Any:
         self.asked.append(query)
@@ -306,6 +310,70 @@ def test_a_late_answer_is_given_up_at_the_deadline_but_keeps_its_place():
         await wait_until_async(lambda: gate.admitted == 0)
 
     with_gate(test)
+
+
+class Endless(Worker):
+    """A worker whose queries end when they are cancelled."""
+
+    async def _answer(self, query: Any) -> Any:
+        self.asked.append(query)
+        await wait_until_async(lambda: len(self.cancelled) == len(self.asked))
+        raise QueryCancelled
+
+
+@pytest.mark.parametrize("end", ["goes", "deadline"])
+def test_a_running_query_for_which_nobody_waits_is_cancelled_at_its_worker(end: str):
+    async def test(gate: QueryGate) -> None:
+        worker, seen, held = Endless(), [], Held()
+        gate.add_worker(worker)
+
+        async def look(got: Held, error: Exception) -> None:
+            seen.append(error)
+
+        deadline = math.inf if end == "goes" else time.monotonic() + 0.1
+        asked = asyncio.ensure_future(
+            gate.run(Asker("robot", "a"), ready(held), asks, deadline=deadline, failed=look)
+        )
+        await wait_until_async(lambda: worker.asked)
+        if end == "goes":
+            asked.cancel()
+        with pytest.raises(asyncio.CancelledError if end == "goes" else DeadlineExceeded):
+            await asked
+        await wait_until_async(lambda: gate.admitted == 0)
+        assert (len(worker.cancelled), held.closed, seen) == (1, 1, []), "nothing is wrong with the files"
+        assert gate._queue.usual is None, "it tells nothing of a usual query"
+        after = asyncio.ensure_future(gate.run(Asker("robot", "a"), ready(), asks))
+        await wait_until_async(lambda: len(worker.asked) == 2)  # it was free again
+        after.cancel()
+        await wait_until_async(lambda: gate.admitted == 0)
+
+    with_gate(test, up=0)
+
+
+def test_a_query_that_is_answered_is_not_cancelled():
+    async def test(gate: QueryGate) -> None:
+        worker = Worker()
+        gate.add_worker(worker)
+        assert await gate.run(Asker("robot", "a"), ready(), asks) is ANSWER
+        assert worker.cancelled == []
+
+    with_gate(test, up=0)
+
+
+def test_a_query_whose_caller_goes_while_it_waits_for_another_worker_is_not_asked_again():
+    async def test(gate: QueryGate) -> None:
+        first, second = Worker(deaths=1), Worker()
+        gate.add_worker(first)
+        asked = asyncio.ensure_future(gate.run(Asker("robot", "a"), ready(), asks))
+        await wait_until_async(lambda: gate._waiting_for_new_worker)
+        asked.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await asked
+        gate.add_worker(second)
+        await wait_until_async(lambda: gate.admitted == 0)
+        assert (second.asked, gate._free) == ([], [second])
+
+    with_gate(test, up=0)
 
 
 def test_a_query_past_its_deadline_leaves_the_queue():

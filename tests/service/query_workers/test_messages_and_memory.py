@@ -50,9 +50,9 @@ def received(reader: MessageReader, stream: socket.socket):
 
 
 def test_a_small_body_travels_with_its_query(ends):
-    send_all(ends[0], message_of(query(b"123")))
-    asked, inline, shared = received(MessageReader(), ends[1])
-    assert (bytes(inline), shared) == (b"123", 0)
+    send_all(ends[0], message_of(query(b"123"), 5))
+    asked, inline, shared, number = received(MessageReader(), ends[1])
+    assert (bytes(inline), shared, number) == (b"123", 0, 5)
     assert asked.versions[0].map_id == "hall"
     assert asked.body == b"", "it is not sent twice"
 
@@ -64,8 +64,8 @@ def test_what_a_head_means_travels_once_packed_and_arrives_whole(ends):
     assert first.packed is second.packed
     assert (first.deadline, second.deadline) == (10.5, 20.5)
     versions = (ServedVersion("hall", "1" * 64, Path("/x"), provisional=True),)
-    send_all(ends[0], message_of(second.filled(versions=versions, waits_ms={"queue": 1.5}, chosen_of=3)))
-    asked, _, _ = received(MessageReader(), ends[1])
+    send_all(ends[0], message_of(second.filled(versions=versions, waits_ms={"queue": 1.5}, chosen_of=3), 1))
+    asked, *_ = received(MessageReader(), ends[1])
     assert asked.options.to_strings() == second.options.to_strings()
     assert asked.options.prior is not None
     assert (asked.body_format.decompress, asked.form) == (second.body_format.decompress, given.form)
@@ -79,15 +79,15 @@ def test_an_answer_arrives_whole(ends):
         Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,), 0.25, "hall", "1" * 64, {"decode": 0.5}, b"{}", b"pose"
     )
     send_all(ends[0], reply_of(True, answer))
-    (good, found), _, _ = received(MessageReader(), ends[1])
+    (good, found), *_ = received(MessageReader(), ends[1])
     assert (good, found) == (True, answer)
     assert found.verdict is Verdict.REJECTED
 
 
 def test_a_large_body_is_only_announced(ends):
-    send_all(ends[0], message_of(query(bytes(INLINE_BYTES + 1))))
-    _, inline, shared = received(MessageReader(), ends[1])
-    assert (len(inline), shared) == (0, INLINE_BYTES + 1)
+    send_all(ends[0], message_of(query(bytes(INLINE_BYTES + 1)), 2**63))
+    _, inline, shared, number = received(MessageReader(), ends[1])
+    assert (len(inline), shared, number) == (0, INLINE_BYTES + 1, 2**63)
 
 
 def test_a_message_comes_in_any_pieces_and_may_be_long(ends):
@@ -114,7 +114,7 @@ def test_a_closed_end_and_an_idle_one_are_distinguished(ends):
 
 
 def test_an_oversized_message_is_refused_before_it_takes_memory(ends):
-    ends[0].sendall(struct.pack("<IIQ", 1 << 31, 0, 0))
+    ends[0].sendall(struct.pack("<IIQQ", 1 << 31, 0, 0, 1))
     with pytest.raises(OSError, match="bytes"):
         MessageReader().receive(ends[1])
 
@@ -137,13 +137,17 @@ def held_bytes(memory: BodyMemory) -> int:
     sys.platform != "linux", reason="needs Linux, which has files in memory: run in a container"
 )
 def test_the_worker_can_read_and_not_write(memory: BodyMemory):
-    seen = mapped_bodies(memory.descriptor, CAPACITY)
+    cancelled, seen = mapped_bodies(memory.descriptor, CAPACITY)
     memory.write(b"a body")
     assert seen[:6] == b"a body"
     memory.write(memoryview(b"more"))
     assert seen[:4] == b"more"
-    with pytest.raises(TypeError):
-        seen[0] = 0
+    assert bytes(cancelled) == bytes(8)
+    memory.cancel(2**63 + 1)
+    assert (cancelled.cast("Q")[0], bytes(seen[:4])) == (2**63 + 1, b"more")
+    for part in (cancelled, seen):
+        with pytest.raises(TypeError):
+            part[0] = 0
 
 
 @pytest.mark.skipif(

@@ -22,7 +22,7 @@ import pytest
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.warm_up import VIEWPOINTS
-from firstfix.errors import CorruptVersion, DeadlineExceeded, MalformedData, TooLarge
+from firstfix.errors import CorruptVersion, DeadlineExceeded, MalformedData, QueryCancelled, TooLarge
 from firstfix.transform import pose_error
 from firstfix.wire.scan import MEDIA_TYPE, encode_scan
 from firstfix_service.limits.limits import Limits
@@ -235,6 +235,41 @@ def test_a_late_reply_does_not_answer_another_query(query: Query, yard: ServedVe
         wait_until(lambda: not is_alive(first) and workers.pids)
         with pytest.raises(MalformedData):
             workers.ask(query_of(yard, b"no scan"))
+
+
+def test_a_query_is_cancelled_in_its_process_and_no_other_is(workers: Answering, query: Query):
+    """The process finds the query and its cancellation together, when it goes on."""
+    wait_until(lambda: len(workers.gate._free) == 2)
+    worker = workers.gate._free.pop()
+    pid = worker.pid
+
+    async def ask(*, is_cancelled: bool) -> Localization:
+        asking = worker.answer(query)
+        if is_cancelled:
+            worker.cancel(asking)
+        os.kill(pid, signal.SIGCONT)
+        return Localization.from_mapping(json.loads((await asking).json))
+
+    try:
+        wanted = workers._run(ask(is_cancelled=False))
+        for _ in range(3):
+            os.kill(pid, signal.SIGSTOP)
+            with pytest.raises(QueryCancelled):
+                workers._run(ask(is_cancelled=True))
+            again = workers._run(ask(is_cancelled=False))
+            assert again.verdict is wanted.verdict
+            assert np.array_equal(again.T_map_sensor, wanted.T_map_sensor)
+
+        async def cancel_an_answered_one() -> None:
+            asking = worker.answer(query)
+            await asking
+            worker.cancel(asking)
+
+        workers._run(cancel_an_answered_one())
+        assert workers._run(ask(is_cancelled=False)).verdict is wanted.verdict
+        assert pid in workers.pids
+    finally:
+        workers.gate.add_worker(worker)
 
 
 def _bodies_mapped(pid: int) -> int:

@@ -4,7 +4,7 @@
 
 #include "firstfix/answer/documents.hpp"
 #include "firstfix/answer/options.hpp"
-#include "firstfix/query/effort.hpp"
+#include "firstfix/query/deadline.hpp"
 #include "opened_map.hpp"
 #include "sent_query.hpp"
 

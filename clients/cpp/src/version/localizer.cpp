@@ -71,14 +71,16 @@ struct Localizer::Opened {
   }
 
   // options: checked.
-  Localization localized(const version::SentScans& scans, const LocalizeOptions& options) const {
+  Localization localized(const version::SentScans& scans, const LocalizeOptions& options, const Cancellation& cancellation) const {
     const auto began = Deadline::Clock::now();
     if (maps.size() > 1 && (options.prior || options.version)) throw Error("invalid_option", "a prior and a version belong to one map: name it");
     Deadline deadline;
     if (options.deadline_ms) deadline = Deadline::after_s(*options.deadline_ms / 1000, began);
+    deadline = deadline.unless(cancellation);
     MapQueries queries;
     std::vector<MapSearch*> searches;
     for (const auto& map : maps) {
+      deadline.check_wanted();
       map->asked(options);  // it may refuse the option
       auto prepared = version::prepared(scans, options, *map);
       if (!prepared) continue;
@@ -115,16 +117,16 @@ Localizer& Localizer::operator=(Localizer&&) noexcept = default;
 
 const std::string& Localizer::version() const { return opened_->maps.front()->version; }
 
-Localization Localizer::localize(const Scan& scan, const LocalizeOptions& options) const {
-  return opened_->localized(version::sent(scan), version::checked(options));
+Localization Localizer::localize(const Scan& scan, const LocalizeOptions& options, const Cancellation& cancellation) const {
+  return opened_->localized(version::sent(scan), version::checked(options), cancellation);
 }
 
-Localization Localizer::localize(const CompactScan& scan, const LocalizeOptions& options) const {
-  return opened_->localized(version::sent(scan), version::checked(options));
+Localization Localizer::localize(const CompactScan& scan, const LocalizeOptions& options, const Cancellation& cancellation) const {
+  return opened_->localized(version::sent(scan), version::checked(options), cancellation);
 }
 
-Localization Localizer::localize(const ScanSequence& sequence, const LocalizeOptions& options) const {
-  return opened_->localized(version::sent(sequence), version::checked(options));
+Localization Localizer::localize(const ScanSequence& sequence, const LocalizeOptions& options, const Cancellation& cancellation) const {
+  return opened_->localized(version::sent(sequence), version::checked(options), cancellation);
 }
 
 }  // namespace firstfix

@@ -175,7 +175,7 @@ def _by_other_forms(answer: Localization, query: AskedQuery, watch: Stopwatch) -
     sent_ratio = 0.0 if quality is None else quality.inlier_ratio
     height_m = query.prepared.scans[-1].height_m
     start = time.monotonic()
-    end = min(start + MAX_TIME * (start - query.began), watch.deadline)
+    end = min(start + MAX_TIME * (start - query.began), watch.deadline.at)
     longest_s = 0.0
     for form in other_forms(query.scan, query.options, height_m, query.usual_height_m):
         began = time.monotonic()

@@ -1,11 +1,8 @@
-// The effort levels of a search in one map, and the time that each may take (docs/method.md section 7.1).
+// The effort levels of a search in one map, and the time that each takes at worst (docs/method.md section 7.1).
 #pragma once
 
-#include <algorithm>
-#include <chrono>
 #include <cstddef>
 #include <limits>
-#include <optional>
 
 namespace firstfix {
 
@@ -45,30 +42,5 @@ inline double expected_s(Step step, const EffortNumbers& numbers, double narrow_
                                static_cast<double>(effort.clusters) / kComparedPerRegistered;
   return kSlower * narrow_s * registrations / static_cast<double>(numbers.candidates);
 }
-
-// When a query must be answered. A step that would end later does not begin.
-class Deadline {
- public:
-  using Clock = std::chrono::steady_clock;
-
-  Deadline() = default;  // none
-
-  // So many seconds after a time; infinite: none.
-  static Deadline after_s(double seconds, Clock::time_point began = Clock::now()) {
-    constexpr double kFarS = 1e8;
-    Deadline made;
-    const std::chrono::duration<double> after(std::max(seconds, -kFarS));
-    if (seconds < kFarS) made.at_ = began + std::chrono::duration_cast<Clock::duration>(after);
-    return made;
-  }
-
-  double left_s() const {
-    if (!at_) return std::numeric_limits<double>::infinity();
-    return std::chrono::duration<double>(*at_ - Clock::now()).count();
-  }
-
- private:
-  std::optional<Clock::time_point> at_;
-};
 
 }  // namespace firstfix

@@ -20,8 +20,8 @@ namespace firstfix {
 // Tells which aliases of a pose may change the answer: most poses have none, and need not be judged again.
 class KnownAliases {
  public:
-  KnownAliases(const SearchedMap& map, const SearchedQuery& query, ScanOnCells& coarse, ScanOnMap& few)
-      : map_(map), query_(query), coarse_(coarse), few_(few) {}
+  KnownAliases(const SearchedMap& map, const SearchedQuery& query, const Deadline& deadline, ScanOnCells& coarse, ScanOnMap& few)
+      : map_(map), query_(query), deadline_(deadline), coarse_(coarse), few_(few) {}
 
   // First all but those right above and below are screened together with the pose. Those that are not far behind it are then
   // aligned with few points, and so is the pose: with many points it would look better than its aliases for that reason
@@ -54,7 +54,7 @@ class KnownAliases {
   std::vector<std::int64_t> not_far_behind(const std::vector<PoseMatrix>& aliases, const PoseMatrix& T_level_sensor,
                                            const KnownTwist& twist) {
     if (aliases.empty()) return {};
-    if (!probe_) probe_.emplace(map_, query_.sparse, map_.ranking.screen_points);
+    if (!probe_) probe_.emplace(map_, query_.sparse, map_.ranking.screen_points, deadline_);
     std::vector<PoseMatrix> starts{T_level_sensor};
     starts.insert(starts.end(), aliases.begin(), aliases.end());
     const std::vector<Registration> screened = probe_->align(starts, twist, map_.barely());
@@ -106,6 +106,7 @@ class KnownAliases {
 
   const SearchedMap& map_;
   const SearchedQuery& query_;
+  const Deadline& deadline_;
   std::optional<ScanOnCells> probe_;  // fewer points yet; most queries ask for none
   ScanOnCells& coarse_;
   ScanOnMap& few_;

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "firstfix/query/deadline.hpp"
 #include "firstfix/query/effort.hpp"
 #include "firstfix/query/level_hypotheses.hpp"
 #include "firstfix/query/promising_templates.hpp"
@@ -32,7 +33,7 @@ struct SearchOptions {
 };
 
 // Each step adds to what the steps before it registered. Not thread-safe. The map, the query, and what the scans and the
-// description refer to must outlive it.
+// description refer to must outlive it. Its calls throw Error "query_cancelled" once the query is cancelled; it is of no use then.
 class MapSearch {
  public:
   // scans: of the query, in its order, one or more. map: with places.
@@ -43,7 +44,7 @@ class MapSearch {
         scans_(std::move(scans)),
         describe_(std::move(describe)),
         options_(options),
-        search_(map, query, options.prior) {}
+        search_(map, query, options.prior, options.deadline) {}
   MapSearch(const MapSearch&) = delete;
   MapSearch& operator=(const MapSearch&) = delete;
 
@@ -195,7 +196,10 @@ class MapSearch {
 
   Described described_of(const std::vector<LevelledScan>& levelled) const {
     Described made;
-    for (const LevelledScan& one : levelled) made.push_back(describe_(scans_[one.scan], one));
+    for (const LevelledScan& one : levelled) {
+      options_.deadline.check_wanted();
+      made.push_back(describe_(scans_[one.scan], one));
+    }
     return made;
   }
 
@@ -261,7 +265,7 @@ class MapSearch {
       fresh.push_back(i);
       starts.push_back(one.T_level_sensor);
     }
-    ScanOnCells few(map_, query_.sparse, map_.ranking.screen_points);
+    ScanOnCells few(map_, query_.sparse, map_.ranking.screen_points, options_.deadline);
     const std::vector<Registration> placed = few.align(starts, std::nullopt, map_.barely());
     for (std::size_t k = 0; k < fresh.size(); ++k) {
       found[fresh[k]].T_level_sensor = placed[k].T_level_sensor, found[fresh[k]].score = placed[k].alignment_score;
@@ -277,6 +281,7 @@ class MapSearch {
                                 const std::optional<PriorRegion>& prior, const Wanted& each) const {
     std::vector<Candidate> all;
     for (std::size_t i = 0; i < levelled.size(); ++i) {
+      options_.deadline.check_wanted();
       const PoseMatrix& T_last_scan = scans_[levelled[i].scan].measured.T_last_scan;
       const auto some = similar_places(*map_.places, map_.spacing_m, described[i], T_last_scan, levelled[i], prior, each);
       all.insert(all.end(), some.begin(), some.end());
@@ -297,7 +302,7 @@ class MapSearch {
     const std::vector<Candidate> anywhere = similar(levelled, described_of(levelled), std::nullopt, wanted());
     places.insert(places.end(), anywhere.begin(), anywhere.end());
     sort_by_score(places);
-    Search outside(map_, query_, std::nullopt);
+    Search outside(map_, query_, std::nullopt, options_.deadline);
     outside.run(places, search_.found().front().registration.twist, {});
     outside_lead_ = search_.lead_outside(outside.found());
   }

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "firstfix/query/deadline.hpp"
 #include "firstfix/query/free_space_order.hpp"
 #include "firstfix/query/known_aliases.hpp"
 #include "firstfix/query/local_search.hpp"
@@ -38,22 +39,24 @@ constexpr double kExplainedFrom = 0.85;
 constexpr double kRefinedBy = 0.15;
 
 // Aligns the candidates of one query in one map and keeps the poses that compete for the answer. It keeps what it found: a
-// later run adds to it, and repeats none of its work. Not thread-safe. The map, the query and the tables must outlive it.
+// later run adds to it, and repeats none of its work. Not thread-safe. The map, the query and the tables must outlive it. Its calls
+// throw Error "query_cancelled" once the query is cancelled; it is of no use then.
 class Search {
  public:
-  Search(const SearchedMap& map, const SearchedQuery& query, const std::optional<PriorRegion>& prior)
+  Search(const SearchedMap& map, const SearchedQuery& query, const std::optional<PriorRegion>& prior, const Deadline& deadline = {})
       : map_(map),
         query_(query),
         prior_(prior),
+        deadline_(deadline),
         fewest_points_(at_most(query.sparse, map.nearby.points, map.registration.map_voxel_m)),
-        coarse_(map, query.sparse, map.ranking.coarse_points),
-        fewest_(map, fewest_points_),
-        few_(map, query.sparse),
-        many_(map, query.dense),
+        coarse_(map, query.sparse, map.ranking.coarse_points, deadline_),
+        fewest_(map, fewest_points_, deadline_),
+        few_(map, query.sparse, deadline_),
+        many_(map, query.dense, deadline_),
         measures_(map, query, few_, many_),
         order_(map, measures_, query.spots),
         minima_(map, few_, many_),
-        aliases_(map, query, coarse_, few_) {
+        aliases_(map, query, deadline_, coarse_, few_) {
     if (query.is_in_time()) in_motion_.emplace(map, few_, kHopefulFrom);
   }
   Search(const Search&) = delete;
@@ -350,6 +353,7 @@ class Search {
   const SearchedMap& map_;
   const SearchedQuery& query_;
   std::optional<PriorRegion> prior_;
+  Deadline deadline_;
   ScannedSurface fewest_points_;  // a part of the sparse ones
   ScanOnCells coarse_;
   ScanOnMap fewest_, few_, many_;

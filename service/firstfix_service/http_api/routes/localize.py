@@ -28,7 +28,7 @@ from ...query_workers.query import (
     single_values,
     split_map_ids,
 )
-from ...telemetry.request_scope import note_robot
+from ...telemetry.request_scope import note, note_robot
 from ...thread_pools import READS
 from ..edge import needs
 from ..gone import cancel_when_gone
@@ -116,6 +116,7 @@ _ANSWERS: dict[int | str, dict[str, Any]] = {
 }
 
 
+_GONE = "client_gone"  # in metrics and the log, where others have the code of an error
 _ALWAYS = ((b"cache-control", b"no-store"), (b"vary", b"Accept"))
 
 
@@ -160,7 +161,8 @@ async def localize(request: Request) -> Response:
         finally:
             parts.bodies.release(body, caller.name)
     except ClientDisconnect:
-        parts.metrics.failures.labels("http", "client_gone").inc()
+        parts.metrics.failures.labels("http", _GONE).inc()
+        note(code=_GONE)
         raise
     except Exception as error:
         use_case.count("http", error)

@@ -8,6 +8,7 @@
 #include "firstfix/answer/documents.hpp"
 #include "firstfix/answer/options.hpp"
 #include "firstfix/errors.hpp"
+#include "firstfix/query/deadline.hpp"
 #include "firstfix/scan/compact.hpp"
 #include "firstfix/scan/scan.hpp"
 #include "firstfix/scan/sequence.hpp"
@@ -43,12 +44,16 @@ class Localizer {
   // T_odom_base and version of the options change nothing.
   //
   // Throws Error "invalid_scan", "too_large", or "invalid_option" with a service's limits and messages, as for a
-  // max_false_accept that a map cannot promise, or a prior where there are several maps.
-  Localization localize(const Scan& scan, const LocalizeOptions& options = {}) const;
-  Localization localize(const CompactScan& scan, const LocalizeOptions& options = {}) const;
+  // max_false_accept that a map cannot promise, or a prior where there are several maps. Once another thread cancels the query, it
+  // ends within some milliseconds with Error "query_cancelled":
+  //
+  //     std::atomic<std::uint64_t> cancelled{0};
+  //     localizer.localize(scan, options, {cancelled, 1});  // until another thread says: cancelled = 1
+  Localization localize(const Scan& scan, const LocalizeOptions& options = {}, const Cancellation& cancellation = {}) const;
+  Localization localize(const CompactScan& scan, const LocalizeOptions& options = {}, const Cancellation& cancellation = {}) const;
 
   // The pose of the last scan of several. gravity and twist are those of the last one.
-  Localization localize(const ScanSequence& sequence, const LocalizeOptions& options = {}) const;
+  Localization localize(const ScanSequence& sequence, const LocalizeOptions& options = {}, const Cancellation& cancellation = {}) const;
 
  private:
   struct Opened;
