@@ -132,10 +132,9 @@ class ChunkResults:
 
     def put(self, key: str, arrays: Arrays) -> None:
         """Store a result, completely or not at all."""
-        with TemporaryDirectory() as folder:
-            named: dict[str, Any] = dict(arrays)
-            np.savez(Path(folder) / _FILE, **named)
-            self._entries.put_surely(key, "chunk", Path(folder))
+        content, named = BytesIO(), dict[str, Any](arrays)
+        np.savez(content, **named)
+        self._entries.put_content(key, "chunk", _FILE, content.getvalue())
 
     def put_folder(self, key: str, folder: Path) -> None:
         """Store a result from the files of another store."""

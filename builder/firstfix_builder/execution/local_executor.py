@@ -30,7 +30,8 @@ _R = TypeVar("_R")
 class LocalExecutor(ChunkExecutor):
     """Runs chunks here, and keeps results in the work folder of builds.
 
-    So a killed build resumes within a stage, and the next build of a map reuses the unchanged chunks.
+    So a killed build resumes within a stage, and the next build of a map reuses the unchanged chunks. Readers
+    compare a result with its sha256, and one that a power cut has torn is made again: nothing is synced.
 
     Args:
         work: the folder; ``prune`` removes results by age and size.
@@ -42,7 +43,7 @@ class LocalExecutor(ChunkExecutor):
         self._folder = (work / "chunks").absolute()
         self._threads = threads
         self._processes = processes
-        self.store = Store.open(str(self._folder))
+        self.store = Store.open_cache(self._folder)
         self._max_bytes = max_bytes
         self.prune()
 
@@ -57,7 +58,7 @@ class LocalExecutor(ChunkExecutor):
         try:
             for chunk in batch.chunks:
                 pool = self._processes if chunk.chunk.keeps_interpreter else self._threads
-                pending.add(pool.submit(_make, str(self._folder), chunk, folders))
+                pending.add(pool.submit(_make, self._folder, chunk, folders))
             while pending:
                 if batch.cancelled():
                     raise BuildCancelled("cancelled between the chunks of a stage")
@@ -72,7 +73,7 @@ class LocalExecutor(ChunkExecutor):
                 future.cancel()
 
 
-def _make(store: str, chunk: KeyedChunk, inputs: Mapping[str, Path]) -> None:
+def _make(store: Path, chunk: KeyedChunk, inputs: Mapping[str, Path]) -> None:
     try:
         make_chunk(_opened(store), chunk, inputs)
     except StoreError as error:  # of the work folder: the build does not wait for it as for the store of maps
@@ -80,8 +81,8 @@ def _make(store: str, chunk: KeyedChunk, inputs: Mapping[str, Path]) -> None:
 
 
 @cache
-def _opened(store: str) -> Store:
-    return Store.open(store)
+def _opened(store: Path) -> Store:
+    return Store.open_cache(store)
 
 
 def in_turn(function: Callable[[_T], _R], items: Iterable[_T]) -> Iterator[tuple[_T, _R]]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import shutil
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -114,16 +115,24 @@ class SharedStages:
         for path, file in zip(paths, files, strict=True):
             if self._store.put_file(_key(key, file.sha256), path):
                 sent += file.bytes
-        record = {
-            "stage": name,
-            "files": {file.name: {"sha256": file.sha256, "bytes": file.bytes} for file in files},
-        }
-        self._put_record(key, record_json(record))
+        self._put_record(key, name, files)
         _log.debug("stage %s shared: %d bytes", name, sent)
         return sent
 
-    def _put_record(self, key: str, record: bytes) -> None:
+    def put_content(self, key: str, name: str, file_name: str, content: bytes) -> None:
+        """Put a small stage of one file, in place of what there is of it.
+
+        Raises:
+            StoreError: the store failed.
+        """
+        file = _File(file_name, hashlib.sha256(content).hexdigest(), len(content))
+        self._store.put(_key(key, file.sha256), content)
+        self._put_record(key, name, [file])
+
+    def _put_record(self, key: str, name: str, files: Sequence[_File]) -> None:
         """Put the record of a stage after its files. Replaces a damaged record."""
+        of_files = {file.name: {"sha256": file.sha256, "bytes": file.bytes} for file in files}
+        record = record_json({"stage": name, "files": of_files})
         if not self._store.put_new(_key(key, RECORD), record):
             try:
                 self._files(key)

@@ -26,10 +26,15 @@ _AT_FDCWD, _RENAME_NOREPLACE = -100, 1  # linux/fcntl.h, linux/fs.h
 
 
 class DurableFiles:
-    """Objects of a file store below one directory. Thread-safe; processes may share the directory."""
+    """Objects of a file store below one directory. Thread-safe; processes may share the directory.
 
-    def __init__(self, root: Path) -> None:
+    Args:
+        is_cache: nothing waits for the disk, so a power cut may leave objects torn, or take them away.
+    """
+
+    def __init__(self, root: Path, *, is_cache: bool = False) -> None:
         self._root = root
+        self._is_cache = is_cache
         self._durable_folders: dict[Path, int] = {}  # folder whose entry in its parent is on disk: inode
 
     def create(self, key: str, pieces: Iterable[bytes]) -> bool:
@@ -42,7 +47,7 @@ class DurableFiles:
         path = self._root / key
         with self._part(path, pieces) as part:
             created = _name_new(part, path)
-        _sync_folder(path.parent)  # for the loser too: its caller may continue as if the object were its own
+        self._sync(path.parent)  # for the loser too: its caller may continue as if the object were its own
         return created
 
     def replace(self, key: str, pieces: Iterable[bytes]) -> None:
@@ -54,12 +59,12 @@ class DurableFiles:
         path = self._root / key
         with self._part(path, pieces) as part:
             part.replace(path)
-        _sync_folder(path.parent)
+        self._sync(path.parent)
 
     def sync_name(self, key: str) -> None:
         """Sync an object's name, which another writer may have just given. Its bytes are on disk already."""
         folder = (self._root / key).parent
-        _sync_folder(folder)
+        self._sync(folder)
         self._sync_entries_of(folder)
 
     def removed(self, key: str) -> None:
@@ -75,7 +80,7 @@ class DurableFiles:
                 folder = folder.parent
         while folder != self._root and not folder.is_dir():
             folder = folder.parent
-        _sync_folder(folder)
+        self._sync(folder)
 
     def remove_parts(self, before: datetime, *, dry_run: bool = False) -> list[str]:
         """Remove what puts left that were killed before a time: hidden part files and empty folders.
@@ -107,13 +112,20 @@ class DurableFiles:
                 for piece in pieces:
                     file.write(piece)
                 file.flush()
-                os.fsync(file.fileno())
+                if not self._is_cache:
+                    os.fsync(file.fileno())
             yield part
         finally:
             part.unlink(missing_ok=True)
 
+    def _sync(self, folder: Path) -> None:
+        if not self._is_cache:
+            _sync_folder(folder)
+
     def _sync_entries_of(self, folder: Path) -> None:
         """Sync the directory entries of the folders that lead to this one."""
+        if self._is_cache:
+            return
         if len(self._durable_folders) > _MAX_FOLDERS:
             self._durable_folders.clear()
         for at in (folder, *folder.parents):

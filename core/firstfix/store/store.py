@@ -2,7 +2,7 @@
 
 Correctness rests on create-only puts alone, never on rename or compare-and-swap, because every store has
 them. ``Store.probe`` detects a store that only pretends to. An object is durable when its put returns. In a
-directory too: a file gets its name only after its bytes are on disk.
+directory too: a file gets its name only after its bytes are on disk, unless the directory is a cache.
 """
 
 from __future__ import annotations
@@ -56,11 +56,13 @@ class Store:
         unreadable: records of this store that could not be read.
     """
 
-    def __init__(self, backend: Any, *, root: Path | None = None, read_only: bool = False) -> None:
+    def __init__(
+        self, backend: Any, *, root: Path | None = None, read_only: bool = False, is_cache: bool = False
+    ) -> None:
         self._backend = backend
         self._root = root  # the directory of a file store
         bucket = BucketWriter(backend)
-        self._writer: Writer = bucket if root is None else DirectoryWriter(bucket, root)
+        self._writer: Writer = bucket if root is None else DirectoryWriter(bucket, root, is_cache=is_cache)
         self._read_only = read_only
         self.unreadable = UnreadableRecords()
 
@@ -72,6 +74,18 @@ class Store:
             InvalidOption: the URL has no known form, or a cloud's settings are incomplete.
         """
         return cls.open_at(StoreUrl.parse(url), read_only=read_only)
+
+    @classmethod
+    def open_cache(cls, folder: Path) -> Store:
+        """Open a directory of objects that their readers check, and make again where they are gone.
+
+        A put does not wait for the disk: a power cut may leave an object of it torn, or none.
+
+        Raises:
+            StoreUnavailable: the directory cannot be made.
+        """
+        where = StoreUrl.parse(str(folder))
+        return cls(open_backend(where), root=Path(where.prefix), is_cache=True)
 
     @classmethod
     def open_at(cls, where: StoreUrl, *, read_only: bool = False) -> Store:

@@ -44,12 +44,16 @@ class Writer(Protocol):
 
 
 class DirectoryWriter:
-    """Writer to a directory."""
+    """Writer to a directory.
 
-    def __init__(self, bucket: BucketWriter, root: Path) -> None:
+    Args:
+        is_cache: its objects need not survive a power cut.
+    """
+
+    def __init__(self, bucket: BucketWriter, root: Path, *, is_cache: bool = False) -> None:
         self._bucket = bucket
         self._root = root
-        self._files = DurableFiles(root)
+        self._files = DurableFiles(root, is_cache=is_cache)
 
     def create(self, key: str, data: bytes | Path) -> bool:
         """Link a new file to the name. Returns False if the key exists."""

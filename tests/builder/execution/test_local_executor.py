@@ -16,6 +16,8 @@ from firstfix_builder.execution.chunks import ChunkBatch, ChunkResults, run_chun
 from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageResult
 from tests.builder.execution.toy_chunks import Toy, keyed, runs
+from tests.disk_image import DiskImage, why_no_images
+from tests.waiting import let_pass
 
 
 @dataclass(frozen=True)
@@ -99,3 +101,40 @@ def test_results_stay_and_are_pruned_by_size(
         assert len(ChunkResults(again.store).made()) == 2
         small = LocalExecutor(tmp_path / "work", threads, threads, max_bytes=1)
         assert ChunkResults(small.store).made() == set()
+
+
+def test_a_result_that_a_power_cut_has_torn_is_made_again(
+    executor: LocalExecutor, log: Path, numbers: StageResult, tmp_path: Path
+):
+    chunk = keyed(Toy(7, str(log)))
+    folder = tmp_path / "work" / "chunks" / "stages" / chunk.key
+    for what in ("*.json", "[!s]*"):
+        for torn in (b"", b"\0" * 300, None):
+            assert sums(executor, [chunk.chunk], numbers) == [7]
+            (file,) = folder.glob(what)
+            before = runs(log)
+            file.unlink() if torn is None else file.write_bytes(torn)
+            assert sums(executor, [chunk.chunk], numbers) == [7]
+            assert runs(log) == before + 1
+
+
+@pytest.mark.slow
+def test_a_build_goes_on_after_a_power_cut(log: Path, numbers: StageResult, tmp_path: Path):
+    if why := why_no_images():
+        pytest.skip(why)
+    disk = DiskImage.make(tmp_path / "image", tmp_path / "disk", size_bytes=64 << 20)
+    chunks = [Toy(number, str(log)) for number in range(60)]
+    with ThreadPoolExecutor(2) as threads:
+        with disk:
+            before = LocalExecutor(disk.mount_point, threads, threads)
+            assert sums(before, chunks[:40], numbers) == list(range(40))
+            let_pass(3.0)  # the journal is written each second
+            assert sums(before, chunks, numbers) == list(range(60))
+            disk.cut_power()
+        with disk:
+            after = LocalExecutor(disk.mount_point, threads, threads)
+            assert sums(after, chunks, numbers) == list(range(60))
+            made = runs(log)
+            assert sums(after, chunks, numbers) == list(range(60))
+            assert runs(log) == made > 60, "the cut took nothing"
+    assert disk.is_whole()

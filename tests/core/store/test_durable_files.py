@@ -250,3 +250,18 @@ def test_leftovers_of_a_power_cut_are_removed_with_their_folders(tmp_path: Path)
     assert store.remove_leftovers(older_than_s=-5) == ["builds/b3/request.json#12"]
     assert store.folders("builds") == ["b1"]
     assert store.folders("uploads") == []
+
+
+def test_a_cache_is_written_without_waiting_for_the_disk(tmp_path: Path, monkeypatch):
+    cache = Store.open_cache(tmp_path / "cache")
+
+    def fsync(handle: int) -> None:
+        raise AssertionError("it waits")
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    assert cache.put_new("a/b", b"1")
+    assert not cache.put_new("a/b", b"2")
+    cache.put("a/b", b"3")
+    assert cache.get("a/b") == b"3"
+    cache.delete("a/b")
+    assert cache.folders("a") == []
