@@ -105,6 +105,49 @@ class ChangedSurface:
             if first < last
         )
 
+    def met_by(self, origins: NDArray[np.floating], rays: Rays, most_m: float) -> NDArray[np.bool_]:
+        """Whether each ray (n, rays) from (n, 3) origins may meet the change. All do from within a box.
+
+        Args:
+            rays: from each origin, in the map's directions.
+            most_m: length of the rays.
+        """
+        at = np.ascontiguousarray(origins, np.float32)
+        if self.boxes is None:
+            return np.zeros((len(at), len(rays)), np.bool_)
+        enter_m = self.boxes.ranges(at, rays.directions, rays.order, 0.0, most_m)
+        met: NDArray[np.bool_] = np.isfinite(enter_m)
+        some = np.logical_or.reduce(met, axis=0)
+        if self.common is not None and some.any():
+            facing = rays.of_rows(some)
+            blocked_m = self.common.ranges(at, facing.directions, facing.order, 0.0, most_m)
+            met[:, some] &= enter_m[:, some] <= blocked_m + MARGIN_M
+        met[self.holds(at)] = True
+        return met
+
+    def is_within(self, origins: NDArray[np.floating], reach_m: float) -> bool:
+        """Whether a box lies within reach_m of the box of (n, 3) origins, along x and y."""
+        gap_m = np.maximum(np.maximum(self.low - origins.max(axis=0), origins.min(axis=0) - self.high), 0)
+        return bool((np.hypot(gap_m[:, 0], gap_m[:, 1]) <= reach_m).any())
+
+    def holds(self, points: NDArray[np.floating]) -> NDArray[np.bool_]:
+        """(n,) which of (n, 3) points lie in a box of what has changed."""
+        found = np.zeros(len(points), np.bool_)
+        if not len(self.low) or not len(points):
+            return found
+        near = ((points >= self.low.min(axis=0)) & (points <= self.high.max(axis=0))).all(axis=1)
+        rows = np.flatnonzero(near)
+        rows = rows[np.argsort(points[rows, 0], kind="stable")]
+        at = np.asarray(points[rows], np.float32)
+        begin, end = (
+            np.searchsorted(at[:, 0], self.low[:, 0]),
+            np.searchsorted(at[:, 0], self.high[:, 0], "right"),
+        )
+        for low, high, first, last in zip(self.low, self.high, begin.tolist(), end.tolist(), strict=True):
+            some = at[first:last]
+            found[rows[first:last][((some >= low) & (some <= high)).all(axis=1)]] = True
+        return found
+
     def _is_met(
         self,
         at: NDArray[np.float32],
