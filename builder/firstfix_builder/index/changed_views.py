@@ -6,7 +6,7 @@ it did before, and tells nothing that the version before does not know.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from ..simulation.changed_surface import ChangedSurface
 from ..simulation.simulate import Simulator, upright
 from .kept_surface import KeptSurface
 from .seen_voxels import seen_voxels
-from .views import AT_ONCE, REACHES, STEP_M, Reach, ViewsChunk, rays_of, view_chunks
+from .views import AT_ONCE, REACHES, STEP_M, ViewsChunk, rays_of, view_chunks
 
 
 def changed_views(
@@ -38,11 +38,11 @@ def changed_views(
         kept: the surface before.
         mesh: folder of the finished stage.
     """
-    known, change = _viewpoints(view_chunks(kept.seen_from, sensor)), kept.change
+    change = kept.change
     chunks = [
         (chunk, is_new)
-        for chunk in view_chunks(positions, sensor)
-        if (is_new := _is_new(chunk, known)).any() or change.is_within(chunk.places, chunk.reach_m)
+        for chunk, is_new in _told_new(view_chunks(positions, sensor), view_chunks(kept.seen_from, sensor))
+        if is_new.any() or change.is_within(chunk.places, chunk.reach_m)
     ]
     for _, voxels in in_turn(lambda one: _seen_anew(*one, change, mesh), chunks):
         yield {"voxels": voxels}
@@ -58,8 +58,9 @@ def _seen_anew(
     surface = SeenSurface(STEP_M)
     for start in range(0, len(places), AT_ONCE):
         some = np.ascontiguousarray(places[start : start + AT_ONCE])
-        met = change.met_by(some, rays, chunk.reach_m)
-        met[is_new[start : start + AT_ONCE]] = True
+        new = is_new[start : start + AT_ONCE]
+        met = np.ones((len(some), len(rays)), np.bool_)
+        met[~new] = change.met_by(some[~new], rays, chunk.reach_m)
         facing = np.logical_or.reduce(met, axis=0)
         if not facing.any():
             continue
@@ -71,16 +72,18 @@ def _seen_anew(
     return seen_voxels(surface.means(), STEP_M)
 
 
-def _viewpoints(chunks: list[ViewsChunk]) -> Mapping[Reach, NDArray[np.int64]]:
-    """(k, 3) bits of the viewpoints of each reach."""
-    return {
-        reach: np.concatenate([_bits(chunk) for chunk in chunks if chunk.reach == reach]) for reach in REACHES
-    }
+def _told_new(
+    chunks: Sequence[ViewsChunk], before: Sequence[ViewsChunk]
+) -> Iterator[tuple[ViewsChunk, NDArray[np.bool_]]]:
+    """Yield each chunk, and which of its viewpoints are none of a chunk before with the same reach."""
+    for reach in REACHES:
+        some = [chunk for chunk in chunks if chunk.reach == reach]
+        known = _bits([chunk for chunk in before if chunk.reach == reach])
+        starts = np.cumsum([len(chunk.viewpoints) for chunk in some])[:-1]
+        yield from zip(some, np.split(~rows_in(_bits(some), known), starts), strict=True)
 
 
-def _is_new(chunk: ViewsChunk, known: Mapping[Reach, NDArray[np.int64]]) -> NDArray[np.bool_]:
-    return ~rows_in(_bits(chunk), known[chunk.reach])
-
-
-def _bits(chunk: ViewsChunk) -> NDArray[np.int64]:
-    return chunk.places.view(np.int32).astype(np.int64)
+def _bits(chunks: Sequence[ViewsChunk]) -> NDArray[np.int64]:
+    """(k, 3) bits of the viewpoints of chunks."""
+    places = np.concatenate([np.zeros((0, 3), np.float32), *(chunk.places for chunk in chunks)])
+    return places.view(np.int32).astype(np.int64)

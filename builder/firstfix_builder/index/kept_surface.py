@@ -76,11 +76,11 @@ class KeptSurface:
         oriented = np.concatenate([self.before.oriented[rows], np.zeros(len(new), np.bool_)])
         towards = np.concatenate([normals[: len(rows)] * oriented[: len(rows), None], toward])
         places = np.concatenate([self.before.points[~stays], new])
-        again = near(points, places, BORDER_M)
-        around = np.flatnonzero(near(points, places, 2 * BORDER_M))
+        away_m = distances(points, places, 2 * BORDER_M)
+        around = np.flatnonzero(np.isfinite(away_m))
         if len(around):
             found = Surface.around(points[around], towards[around], two_faces=True)
-            there = again[around]
+            there = away_m[around] <= BORDER_M
             normals[around[there]], oriented[around[there]] = found.normals[there], found.oriented[there]
         return Surface(points, normals, oriented)
 
@@ -121,7 +121,8 @@ def _matched(
     order = np.argsort(number, kind="stable")  # quick: they nearly are in order
     at = np.searchsorted(number[order], np.ravel_multi_index(tuple((wanted - low).T), shape))
     row = order[np.minimum(at, len(order) - 1)]
-    stays: NDArray[np.bool_] = (now[row] == before).all(axis=1)
+    there = now[row]
+    stays = (there[:, 0] == before[:, 0]) & (there[:, 1] == before[:, 1]) & (there[:, 2] == before[:, 2])
     is_new = np.ones(len(now), np.bool_)
     is_new[row[stays]] = False
     return stays, is_new
@@ -137,9 +138,11 @@ def _looked(views: Iterable[Arrays], scratch: Path) -> NDArray[np.float64]:
         return np.concatenate([np.zeros((0, 6)), *blocks])
 
 
-def near(points: NDArray[np.float32], places: NDArray[np.float32], reach_m: float) -> NDArray[np.bool_]:
-    """(n,) which of (n, 3) points lie within reach_m of any of (k, 3) places."""
-    found = np.zeros(len(points), np.bool_)
+def distances(
+    points: NDArray[np.float32], places: NDArray[np.float32], reach_m: float
+) -> NDArray[np.float64]:
+    """(n,) metres from (n, 3) points to the nearest of (k, 3) places; inf beyond reach_m."""
+    found = np.full(len(points), np.inf)
     if not len(places):
         return found
     columns = np.floor(places[:, :2] / reach_m).astype(np.int64)
@@ -147,11 +150,11 @@ def near(points: NDArray[np.float32], places: NDArray[np.float32], reach_m: floa
     marked = np.zeros(columns.max(axis=0) - low + 2, np.bool_)
     marked[tuple((columns - low).T)] = True
     marked = binary_dilation(marked, np.ones((3, 3), np.bool_))
-    at = np.floor(points[:, :2] / reach_m).astype(np.int64) - low
-    inside = ((at >= 0) & (at < marked.shape)).all(axis=1)
+    x, y = (np.floor(points[:, axis] / reach_m).astype(np.int64) - low[axis] for axis in (0, 1))
+    inside = (x >= 0) & (x < marked.shape[0]) & (y >= 0) & (y < marked.shape[1])
     rows = np.flatnonzero(inside)
-    rows = rows[marked[tuple(at[rows].T)]]
-    found[rows] = np.isfinite(cKDTree(places).query(points[rows], distance_upper_bound=reach_m)[0])
+    rows = rows[marked[x[rows], y[rows]]]
+    found[rows] = cKDTree(places).query(points[rows], distance_upper_bound=reach_m)[0]
     return found
 
 

@@ -19,7 +19,7 @@ from firstfix_builder.execution.stage_cache import StageResult
 from firstfix_builder.index.carve import carve_chunks, cell_width_m, merged
 from firstfix_builder.index.changed_views import changed_views
 from firstfix_builder.index.kept_free_space import carved_anew, cells_within
-from firstfix_builder.index.kept_surface import NEWLY_SEEN_M, KeptSurface, far_from, near
+from firstfix_builder.index.kept_surface import NEWLY_SEEN_M, KeptSurface, distances, far_from
 from firstfix_builder.index.views import views_in
 from firstfix_builder.index.visible_points import map_surface
 from firstfix_builder.mesh.mesh import Mesh
@@ -106,7 +106,7 @@ def test_a_cloud_keeps_its_normals_but_around_what_has_changed(changed: Changed,
     found = rebuilt(changed, tmp_path, before, cloud)
     assert {point.tobytes() for point in found.points} == {point.tobytes() for point in exact.points}
     alike(found, exact)
-    away = ~near(found.points, exact.points[changed.change.holds(exact.points)], 4.0)
+    away = distances(found.points, exact.points[changed.change.holds(exact.points)], 4.0) > 4.0
     of_before = {point.tobytes(): normal for point, normal in zip(before.points, before.normals, strict=True)}
     assert away.sum() > 1000
     assert all(
@@ -140,11 +140,11 @@ def test_near_and_far_points_are_those_of_a_tree():
     rng = np.random.default_rng(2)
     points, places = (rng.uniform(-9, 9, (n, 3)).astype(np.float32) for n in (3000, 40))
     away_m = cKDTree(places).query(points)[0]
-    np.testing.assert_array_equal(near(points, places, 1.5), away_m <= 1.5)
+    np.testing.assert_allclose(distances(points, places, 1.5), np.where(away_m <= 1.5, away_m, np.inf))
     far = far_from(points, places, 1.0)
     assert (away_m[far] > 1.0).all()
     assert far[away_m > 2 * 3**0.5].all()
-    assert not near(points, places[:0], 1.0).any()
+    assert np.isinf(distances(points, places[:0], 1.0)).all()
     assert far_from(points, places[:0], 1.0).all()
 
 
