@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firstfix.builds.config import BuildConfig
 from firstfix.catalog.manifest import SURFACE_FILE
@@ -22,15 +23,19 @@ from firstfix.engine.index import CALIBRATION_FILE, MAP_FILE, MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.retrieval.alias_table import AliasTable
 from firstfix.engine.retrieval.cascade import PROJECTION_FILE, Clusters, Templates, save_projection
+from firstfix.engine.verification.seen_free import SeenFree
 
 from .execution.build_trace import within_a_stage
 from .execution.chunks import Arrays, Chunk
 from .execution.stage_cache import StageResult
 from .execution.stage_runner import Progress, RunChunks, StageRunner
 from .index.carve import carve_chunks, merged, poses_needed, seen_free
+from .index.changed_views import changed_views
 from .index.cloud_octree import draw_cloud
 from .index.index_files import VIEWS_SHARE, write_index_files
 from .index.kept_aliases import KeptAliases
+from .index.kept_free_space import carved_anew
+from .index.kept_surface import KeptSurface
 from .index.key_scans import KeyScans, key_scan_chunks
 from .index.learn_keys import is_worth_learning, learn_keys, scans_for
 from .index.views import PROVISIONAL_REACHES, REACHES, STEP_M, view_chunks
@@ -80,6 +85,7 @@ class BuildStages:
         runner: runs a stage, or takes its result from the cache.
         threads: run the work of ``read_map`` and ``self_test``.
         provisional: make a provisional version, whose index takes less work.
+        change: of the surface since the base; None: there is no base, or too much has changed.
         workload: refuses maps of too many templates before the work is begun.
     """
 
@@ -87,6 +93,7 @@ class BuildStages:
     config: BuildConfig
     threads: Executor
     provisional: bool = False
+    change: ChangedSurface | None = None
     workload: Workload = field(default_factory=Workload)
 
     def for_config(self, config: BuildConfig, progress: Progress) -> BuildStages:
@@ -124,14 +131,15 @@ class BuildStages:
         kept = None if base is None or self.config.exact else Kept.of(base, engine, made)
         clusters = after.cluster(templates, engine)
         learned = after.keep_keys(kept) if kept else after.learn_keys(mesh, templates, engine)
-        carved = after.carve_free_space(read, mesh, engine)
+        carved = after.carve_free_space(read, mesh, engine, kept)
         index = after.build_index(read, mesh, fitted, templates, clusters, learned, carved, kept)
         return IndexedMap(mesh, viewpoints, index, kept)
 
     def after_change(self, base: BaseVersion, mesh: MapMesh) -> BuildStages:
         """The stages that take chunks over from a version's build if no ray meets what has changed since."""
         change = ChangedSurface.of(base.directory, mesh.directory, self.config.sensor_model.max_range_m)
-        return replace(self, runner=replace(self.runner, chunks=replace(self.runner.chunks, change=change)))
+        runner = replace(self.runner, chunks=replace(self.runner.chunks, change=change))
+        return replace(self, runner=runner, change=change)
 
     def thin_map(self, read: LevelMap) -> LevelMap:
         """The map of ``read_map`` with fewer points, for a provisional version."""
@@ -318,21 +326,33 @@ class BuildStages:
 
         return self.runner.stage("learn_keys", {"base": kept.base.digest}, {"kept": True}, produce)
 
-    def carve_free_space(self, read: LevelMap, mesh: MapMesh, engine: EngineConfig) -> StageResult:
-        """The cells that the mapping run saw free: none without a trajectory, and none provisionally."""
+    def carve_free_space(
+        self, read: LevelMap, mesh: MapMesh, engine: EngineConfig, kept: Kept | None = None
+    ) -> StageResult:
+        """The cells that the mapping run saw free: none without a trajectory, and none provisionally.
+
+        Args:
+            kept: what the version has of the one before: cells are carved anew where the surface has changed.
+        """
+        sensor, registration = self.config.sensor_model, engine.registration
 
         def produce(out: Path, run: RunChunks) -> None:
             trajectory = read.trajectory
             if trajectory is None or self.provisional:
                 return
-            chunks = carve_chunks(trajectory, self.config.sensor_model, engine.registration)
-            for name, array in merged(run(chunks), poses_needed(trajectory)).items():
+            before = None if kept is None else SeenFree.load(kept.base.directory)
+            if before is not None and self.change is not None:
+                free = carved_anew(before, trajectory, sensor, registration, self.change, mesh.directory)
+            else:
+                free = merged(run(carve_chunks(trajectory, sensor, registration)), poses_needed(trajectory))
+            for name, array in free.items():
                 np.save(out / f"{name}.npy", array)
 
         chosen = {
-            "sensor": self.config.sensor_model.to_mapping(),
-            "registration": engine.registration.model_dump(mode="json"),
+            "sensor": sensor.to_mapping(),
+            "registration": registration.model_dump(mode="json"),
             "provisional": self.provisional,
+            "base": None if kept is None else kept.base.digest,
         }
         return self.runner.chunked_stage("carve_free_space", {"mesh": mesh}, chosen, produce, {"map": read})
 
@@ -358,14 +378,22 @@ class BuildStages:
                 for path in part.directory.iterdir():
                     link(path, out / path.name)
             reaches = PROVISIONAL_REACHES if self.provisional else REACHES
+            sensor, surface = self.config.sensor_model, self._kept_surface(kept)
+
+            def look(positions: NDArray[np.floating]) -> Iterator[Arrays]:
+                if surface is None:
+                    return run(view_chunks(positions, sensor, reaches))
+                return changed_views(positions, surface, sensor, mesh.directory)
+
             write_index_files(
                 out,
                 None if read.is_mesh else read.points,
                 fitted.engine,
-                lambda positions: run(view_chunks(positions, self.config.sensor_model, reaches)),
+                look,
                 self.runner.ticks("build_index"),
                 provisional=self.provisional,
                 kept=None if kept is None else _kept_aliases(kept),
+                kept_surface=surface,
                 made_of=partial(self.runner.chunks.made_of, "build_index"),
             )
             if not self.provisional:  # for the build of the next version
@@ -391,6 +419,12 @@ class BuildStages:
         return IndexFiles.of(
             self.runner.chunked_stage("build_index", {"mesh": mesh}, chosen, produce, besides, VIEWS_SHARE)
         )
+
+    def _kept_surface(self, kept: Kept | None) -> KeptSurface | None:
+        """The surface of the version before; None: it is made anew."""
+        if kept is None or self.change is None:
+            return None
+        return KeptSurface.load(kept.base, self.change)
 
     def draw_cloud(self, read: LevelMap, index: IndexFiles) -> StageResult:
         """The map's points in levels of detail, for viewers. Of a mesh those that are seen."""

@@ -44,6 +44,7 @@ OPTIONS = {
     "sets": ("ablation", "real", "peers"),
     "scans": ("peers",),
     "bbs": ("peers",),
+    "changes": ("rebuilds",),
 }
 
 
@@ -64,6 +65,10 @@ def _attacks(text: str) -> tuple[str, ...]:
 
 def _sets(text: str) -> tuple[str, ...]:
     return _names(tuple(dataset.name for dataset in DATASETS), text)
+
+
+def _changes(text: str) -> tuple[str, ...]:
+    return _names(tuple(rebuilds.CHANGES), text)
 
 
 def _count(text: str) -> int:
@@ -87,6 +92,9 @@ def main(argv: Sequence[str]) -> None:
     )
     parser.add_argument("--scans", type=_count, metavar="N", help="peers: queries of each set")
     parser.add_argument("--bbs", type=Path, metavar="PREFIX", help="peers: where 3D-BBS is installed")
+    parser.add_argument(
+        "--changes", type=_changes, metavar="NAMES", help=f"rebuilds: some of {','.join(rebuilds.CHANGES)}"
+    )
     arguments = parser.parse_args(argv)
     given = {name: getattr(arguments, name) for name in OPTIONS if getattr(arguments, name) is not None}
     for name in given:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from firstfix.builds.config import ActivateConfig, BuildConfig
 from firstfix.catalog.hold_back import reason_to_hold
@@ -91,14 +92,22 @@ def half_may_change(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kept, "MAX_CHANGED", 0.5)
 
 
-def test_keys_and_calibration_are_kept_and_all_else_is_that_of_a_build_from_nothing(rebuilds: Rebuilds):
+def test_keys_calibration_and_surface_are_kept_and_all_else_is_that_of_a_build_from_nothing(
+    rebuilds: Rebuilds,
+):
     built, chunks = rebuilds.build()
     exact = rebuilds.exact
     for name in ("position_m", "height_m", "occupancy"):
         file = f"{PREFIX}{name}.npy"
         assert (built.directory / file).read_bytes() == (exact.directory / file).read_bytes()
-    for name in (MAP_FILE, SURFACE_FILE, "cloud.bin"):
-        assert (built.directory / name).read_bytes() == (exact.directory / name).read_bytes()
+    assert (built.directory / SURFACE_FILE).read_bytes() == (exact.directory / SURFACE_FILE).read_bytes()
+    before, here, from_nothing = (
+        np.load(one / MAP_FILE) for one in (rebuilds.base, built.directory, exact.directory)
+    )
+    assert cKDTree(from_nothing).query(here)[0].max() < 1.0
+    assert cKDTree(here).query(from_nothing)[0].max() < 1.0
+    far = before[before[:, 0] < 100]  # the box that has moved stands at the other end
+    np.testing.assert_array_equal(here[here[:, 0] < 100], far)
     for name in (PROJECTION_FILE, CALIBRATION_FILE):
         kept_file = (built.directory / name).read_bytes()
         assert kept_file == (rebuilds.base / name).read_bytes()

@@ -27,7 +27,7 @@ from ..mesh.map_tiles import by_nested_tiles
 from ..mesh.places.surface_cells import surface_cells_of
 from ..simulation.local_simulator import local_simulator
 from ..simulation.rays import Rays
-from ..simulation.simulate import upright
+from ..simulation.simulate import Simulator, upright
 from .views import SHARED_M
 
 RAYS = 12_288
@@ -56,9 +56,8 @@ class CarveChunk(Chunk):
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
         """``brick`` (n, 3), and the bits (n, 8, 2) of cells passed ``once`` and ``twice`` or more."""
-        low = np.floor((np.array(self.tile) + 0.5) * TILE_M / SHARED_M) * SHARED_M
-        simulator = local_simulator(inputs["mesh"], low, low + SHARED_M, self.sensor.max_range_m)
-        cells, rays, poses = CarvedCells(self.cell_m), _rays(self.sensor), np.array(self.poses, np.float64)
+        simulator = self.simulator(inputs["mesh"])
+        cells, rays, poses = CarvedCells(self.cell_m), rays_of(self.sensor), self.places
         for start in range(0, len(poses), AT_ONCE):
             some = poses[start : start + AT_ONCE]
             for ranges in simulator.ranges(upright(some), self.sensor, rays):
@@ -81,7 +80,17 @@ class CarveChunk(Chunk):
     def sees(self, change: SurfaceChange, inputs: Mapping[str, StageResult]) -> bool:
         """Whether a ray of a pose meets the change."""
         reach_m = self.sensor.max_range_m
-        return change.is_met(np.array(self.poses), _rays(self.sensor), reach_m, reach_m)
+        return change.is_met(self.places, rays_of(self.sensor), reach_m, reach_m)
+
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """(n, 3) positions of the poses."""
+        return np.array(self.poses, np.float64)
+
+    def simulator(self, mesh: Path) -> Simulator:
+        """A simulator of the finished stage in a folder, as far as rays get from the tile."""
+        low = np.floor((np.array(self.tile) + 0.5) * TILE_M / SHARED_M) * SHARED_M
+        return local_simulator(mesh, low, low + SHARED_M, self.sensor.max_range_m)
 
 
 def carve_chunks(
@@ -152,5 +161,6 @@ def seen_free(carved: Arrays, points: NDArray[np.floating], registration: Regist
 
 
 @lru_cache(4)
-def _rays(sensor: SensorModel) -> Rays:
+def rays_of(sensor: SensorModel) -> Rays:
+    """The rays of a pose, whichever way it looks."""
     return Rays.at_any_heading(sensor.coarser(RAYS))

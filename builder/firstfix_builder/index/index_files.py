@@ -23,6 +23,7 @@ from firstfix.engine.retrieval.template_tiles import TemplateTiles
 from ..mesh.mapped_array import mapped_scratch
 from .find_aliases import find_aliases
 from .kept_aliases import KeptAliases
+from .kept_surface import KeptSurface
 from .top_view import draw_preview
 from .visible_points import map_surface
 
@@ -67,6 +68,7 @@ def write_index_files(
     *,
     provisional: bool = False,
     kept: KeptAliases | None = None,
+    kept_surface: KeptSurface | None = None,
     made_of: MadeOf = always,
 ) -> None:
     """Key search, tiles, known aliases, surface, view and picture.
@@ -77,14 +79,18 @@ def write_index_files(
         progress: called after all but the views with the share that is done, 0..1.
         directory: has templates, clusters and, if there is one, the keys' projection.
         cloud: (m, 3) the map's points; None: it is a mesh.
-        look: returns what is seen from (n, 3) positions of templates, as results of ``views.view_chunks``.
+        look: returns what is seen from (n, 3) positions of templates, as results of ``views.view_chunks``, or
+            of ``changed_views`` where a surface is kept.
+        kept_surface: of the version before; None: the surface is made anew.
         made_of: makes parts of the surface, or takes them from an earlier build.
     """
     templates = Templates.load(directory, engine.descriptor.make())
     write_search(directory, templates, engine, provisional=provisional, kept=kept)
-    surface = map_surface(
-        cloud, look(templates.position_m), engine.registration.map_voxel_m, directory.parent, made_of
-    )
+    looked, voxel_m = look(templates.position_m), engine.registration.map_voxel_m
+    if kept_surface is None:
+        surface = map_surface(cloud, looked, voxel_m, directory.parent, made_of)
+    else:
+        surface = kept_surface.renewed(cloud, looked, voxel_m, directory.parent)
     progress(0.7)
     write_surface(directory, surface, engine, templates, provisional=provisional, made_of=made_of)
 

@@ -78,8 +78,7 @@ class ViewsChunk(Chunk):
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
         """``voxels`` (``seen_voxels.VOXEL``)."""
-        simulator = local_simulator(inputs["mesh"], *self._shared_box, self._reach_m)
-        return {"voxels": views(simulator, np.array(self.viewpoints, np.float32), self.sensor, self.reach)}
+        return {"voxels": views(self.simulator(inputs["mesh"]), self.places, self.sensor, self.reach)}
 
     @property
     def values(self) -> dict[str, Any]:
@@ -90,16 +89,25 @@ class ViewsChunk(Chunk):
         """Hash of the surface that can be seen from the tile."""
         low = np.array(self.tile) * self.reach.tile_m
         cells = surface_cells_of(inputs["mesh"].directory)
-        return {"mesh": cells.digest_within(low, low + self.reach.tile_m, self._reach_m)}
+        return {"mesh": cells.digest_within(low, low + self.reach.tile_m, self.reach_m)}
 
     def sees(self, change: SurfaceChange, inputs: Mapping[str, StageResult]) -> bool:
         """Whether a ray of a viewpoint meets the change."""
-        viewpoints = np.array(self.viewpoints, np.float32)
-        return change.is_met(viewpoints, _rays(self.sensor), self._reach_m, self._reach_m)
+        return change.is_met(self.places, rays_of(self.sensor), self.reach_m, self.reach_m)
 
     @property
-    def _reach_m(self) -> float:
+    def places(self) -> NDArray[np.float32]:
+        """(n, 3) viewpoints."""
+        return np.array(self.viewpoints, np.float32)
+
+    @property
+    def reach_m(self) -> float:
+        """Length of the rays."""
         return min(self.sensor.max_range_m, self.reach.within_m)
+
+    def simulator(self, mesh: Path) -> Simulator:
+        """A simulator of the finished stage in a folder, as far as rays get from the tile."""
+        return local_simulator(mesh, *self._shared_box, self.reach_m)
 
     @property
     def _shared_box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -122,7 +130,7 @@ def view_chunks(
 def views_in(simulator: Simulator, positions: NDArray[np.floating], sensor: SensorModel) -> Iterator[Arrays]:
     """The results of ``view_chunks`` at (n, 3) positions, in a map that is one simulator's mesh."""
     for chunk in view_chunks(positions, sensor):
-        yield {"voxels": views(simulator, np.array(chunk.viewpoints, np.float32), sensor, chunk.reach)}
+        yield {"voxels": views(simulator, chunk.places, sensor, chunk.reach)}
 
 
 def views(
@@ -132,7 +140,7 @@ def views(
 
     Most rays go where this sensor looks, the rest in all directions, for sensors that look elsewhere.
     """
-    rays = _rays(sensor)
+    rays = rays_of(sensor)
     cut = replace(sensor, max_range_m=min(sensor.max_range_m, reach.within_m))
     surface = SeenSurface(STEP_M)
     for start in range(0, len(viewpoints), AT_ONCE):
@@ -159,7 +167,8 @@ def _tiles(
 
 
 @lru_cache(4)
-def _rays(sensor: SensorModel) -> Rays:
+def rays_of(sensor: SensorModel) -> Rays:
+    """The rays of a view: those of the sensor at any heading, and some in all directions."""
     probe = sensor.coarser(RAYS)
     return Rays.of(np.concatenate([Rays.at_any_heading(probe).directions, _all_round(RAYS_ALL_ROUND)]))
 

@@ -105,6 +105,50 @@ class ChangedSurface:
             if first < last
         )
 
+    def met_by(self, origins: NDArray[np.floating], rays: Rays, most_m: float) -> NDArray[np.bool_]:
+        """Whether each ray (n, rays) from (n, 3) origins may meet the change. All do from within a box.
+
+        Args:
+            rays: from each origin, in the map's directions.
+            most_m: length of the rays.
+        """
+        at = np.ascontiguousarray(origins, np.float32)
+        met = np.zeros((len(at), len(rays)), np.bool_)
+        if self.boxes is None:
+            return met
+        within = self.holds(at)
+        met[within] = True
+        if within.all():
+            return met
+        enter_m = self.boxes.ranges(at[~within], rays.directions, rays.order, 0.0, most_m)
+        enters = np.isfinite(enter_m)
+        some = np.logical_or.reduce(enters, axis=0)
+        if self.common is not None and some.any():
+            facing = rays.of_rows(some)
+            blocked_m = self.common.ranges(at[~within], facing.directions, facing.order, 0.0, most_m)
+            enters[:, some] &= enter_m[:, some] <= blocked_m + MARGIN_M
+        met[~within] = enters
+        return met
+
+    def is_within(self, origins: NDArray[np.floating], reach_m: float) -> bool:
+        """Whether a box lies within reach_m of the box of (n, 3) origins, along x and y."""
+        gap_m = np.maximum(np.maximum(self.low - origins.max(axis=0), origins.min(axis=0) - self.high), 0)
+        return bool((np.hypot(gap_m[:, 0], gap_m[:, 1]) <= reach_m).any())
+
+    def holds(self, points: NDArray[np.floating]) -> NDArray[np.bool_]:
+        """(n,) which of (n, 3) points lie in a box of what has changed."""
+        found = np.zeros(len(points), np.bool_)
+        if not len(self.low) or not len(points):
+            return found
+        rows = np.flatnonzero(_inside(points, self.low.min(axis=0), self.high.max(axis=0)))
+        rows = rows[np.argsort(points[rows, 0], kind="stable")]
+        at = np.asarray(points[rows], np.float32)
+        begin = np.searchsorted(at[:, 0], self.low[:, 0])
+        end = np.searchsorted(at[:, 0], self.high[:, 0], "right")
+        for low, high, first, last in zip(self.low, self.high, begin.tolist(), end.tolist(), strict=True):
+            found[rows[first:last][_inside(at[first:last], low, high)]] = True
+        return found
+
     def _is_met(
         self,
         at: NDArray[np.float32],
@@ -123,6 +167,16 @@ class ChangedSurface:
         facing = rays.of_rows(some)
         blocked_m = self.common.ranges(at, facing.directions, facing.order, 0.0, most_m)
         return bool((enters[:, some] & (enter_m[:, some] <= blocked_m + MARGIN_M)).any())
+
+
+def _inside(
+    points: NDArray[np.floating], low: NDArray[np.float32], high: NDArray[np.float32]
+) -> NDArray[np.bool_]:
+    """(n,) which of (n, 3) points lie between two corners. Column by column, which is quicker."""
+    found = np.ones(len(points), np.bool_)
+    for column, least, most in zip(points.T, low, high, strict=True):
+        found &= (column >= least) & (column <= most)
+    return found
 
 
 def _boxes(low: NDArray[np.float64], high: NDArray[np.float64]) -> TriangleTree:

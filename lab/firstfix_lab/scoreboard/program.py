@@ -35,6 +35,9 @@ def main(argv: Sequence[str]) -> None:
     parser.add_argument(
         "--sets", metavar="NAMES", help=f"{', '.join(OPTIONS['sets'])}: some of the data sets"
     )
+    parser.add_argument(
+        "--changes", metavar="NAMES", help=f"{', '.join(OPTIONS['changes'])}: some of the changes"
+    )
     parser.add_argument("--results", type=Path, metavar="DIR", help="instead of lab/results")
     parser.add_argument(
         "--check",
@@ -46,10 +49,12 @@ def main(argv: Sequence[str]) -> None:
         parser.error(f"not among {', '.join(SUITES)}: {', '.join(sorted(unknown))}")
     results = arguments.results or (QUICK_RESULTS if arguments.quick else RESULTS)
     suites = [SUITES[name] for name in arguments.suites or SUITES]
-    if arguments.sets:
-        if without := [suite.name for suite in suites if suite.name not in OPTIONS["sets"]]:
-            parser.error(f"--sets belongs to {', '.join(OPTIONS['sets'])}, not to {', '.join(without)}")
-        suites = [replace(suite, arguments=(*suite.arguments, "--sets", arguments.sets)) for suite in suites]
+    for option in ("sets", "changes"):
+        if (names := getattr(arguments, option)) is None:
+            continue
+        if without := [suite.name for suite in suites if suite.name not in OPTIONS[option]]:
+            parser.error(f"--{option} belongs to {', '.join(OPTIONS[option])}, not to {', '.join(without)}")
+        suites = [replace(suite, arguments=(*suite.arguments, f"--{option}", names)) for suite in suites]
     if arguments.check:
         print(*check(suites, ROOT, results), sep="\n")
         return

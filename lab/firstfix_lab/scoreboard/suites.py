@@ -32,6 +32,7 @@ ASKED = (  # what turns, asks and judges the scans
 BUILDS = (  # what else decides the work of a build
     "builder/firstfix_builder/build_stages.py",
     "builder/firstfix_builder/execution",
+    "builder/firstfix_builder/rebuild",
     "builder/firstfix_builder/sources",
     "builder/firstfix_builder/stage_files.py",
     "builder/firstfix_builder/stage_results.py",

@@ -109,3 +109,33 @@ def test_of_a_large_change_no_ray_is_followed(tmp_path: Path, monkeypatch: pytes
     one = world([(np.array([20.0, 20, 0]), np.array([30.0, 30, 3]))])
     before, after = saved(world([]), tmp_path / "before"), saved(one, tmp_path / "after")
     assert ChangedSurface.of(before, after, SENSOR.max_range_m) is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_every_ray_that_ends_elsewhere_may_meet_the_change(tmp_path: Path, seed: int):
+    rng = np.random.default_rng(seed)
+    boxes = [random_box(rng) for _ in range(40)]
+    before, after = world(boxes), world([*boxes[3:], random_box(rng)])
+    change = changed(before, after, tmp_path)
+    at = np.column_stack([rng.uniform(0, SIDE_M, (30, 2)), np.full(30, 1.2)])
+    met = change.met_by(at, RAYS, SENSOR.max_range_m)
+    then, now = (np.array([ranges(mesh, origin) for origin in at]) for mesh in (before, after))
+    assert not ((then != now) & ~met).any()
+    assert met.mean() < 0.3
+    within = np.array([origin for origin in at if change.is_within(origin[None], 10.0)])
+    gap_m = [
+        np.linalg.norm(np.clip(origin[:2], change.low[:, :2], change.high[:, :2]) - origin[:2], axis=1)
+        for origin in at
+    ]
+    assert len(within) == sum(gap.min() <= 10.0 for gap in gap_m)
+
+
+def test_points_in_a_changed_box_are_told(tmp_path: Path):
+    rng = np.random.default_rng(4)
+    boxes = [random_box(rng) for _ in range(20)]
+    change = changed(world(boxes), world(boxes[4:]), tmp_path)
+    points = rng.uniform(0, SIDE_M, (5000, 3)).astype(np.float32) * np.float32([1, 1, 0.1])
+    inside = (points[:, None] >= change.low) & (points[:, None] <= change.high)
+    held = change.holds(points)
+    assert held.any()
+    np.testing.assert_array_equal(held, inside.all(axis=2).any(axis=1))

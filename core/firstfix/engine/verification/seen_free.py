@@ -72,6 +72,20 @@ class SeenFree:
         corner = (low * _SIDE * _SIDE * cell_m).astype(np.float32)
         return cls(np.array([cell_m], np.float32), corner, group, table, np.concatenate([none, bits]))
 
+    @property
+    def bricks(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Numbers (n, 3) of the bricks, counted from the frame's origin, and their bits (n, 8, 2).
+
+        ``of_bricks`` makes the same tables of them.
+        """
+        group = np.argwhere(self.group)
+        number, *within = np.nonzero(self.brick)
+        place = np.zeros((len(self.brick), 3), np.int64)
+        place[self.group[tuple(group.T)]] = group
+        low = np.rint(self.corner.astype(np.float64) / (_SIDE * _SIDE * float(self.cell[0]))).astype(np.int64)
+        brick = (place[number] + low) * _SIDE + np.stack(within, axis=1)
+        return brick.astype(np.int32), self.bits[self.brick[(number, *within)]]
+
     def shares(self, points: NDArray[np.float32], T_level_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
         """(k,) shares, 0..1, of a scan's (n, 3) points that lie in seen-free cells, at (k, 4, 4) poses."""
         return self.tables.shares(points, T_level_sensor)
