@@ -181,8 +181,8 @@ void bind_map_search(nb::module_& module) {
             Describe describe = describe_of(std::move(retrieval), map);
             without_gil([&] { new (place) MapSearch(map, query.searched(), std::move(scans), std::move(describe), options); });
           },
-          nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), nb::keep_alive<1, 9>(), "map"_a, "retrieval"_a, "query"_a, "prior"_a.none(),
-          "max_candidates"_a.none(), "asked"_a.none(), "left_s"_a, "cancellation"_a.none())
+          nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), nb::keep_alive<1, 9>(), "map"_a, "retrieval"_a,
+          "query"_a, "prior"_a.none(), "max_candidates"_a.none(), "asked"_a.none(), "left_s"_a, "cancellation"_a.none())
       .def("take",
            [](MapSearch& search, Step step) {
              return timed([&](StageTimes& times) {
