@@ -11,6 +11,7 @@ The names here are those that users may rely on; everything else may change. The
     Localization, Verdict, Reason             its answer
     Hypothesis, AlignmentQuality              the poses that the answer compares
     MapIndex, Localizer, localize_among       a map version in this process, and queries to it
+    Deadline                                  the time of a query, which can be cancelled
     SensorModel, BuildConfig                  parameters of a build
     Store, Catalog, Manifest                  maps and versions in object storage
     FirstfixError, errors                     base of all errors, and the module that lists them
@@ -27,6 +28,7 @@ _HOME = {
     "BuildConfig": ".builds.config",
     "Catalog": ".catalog.catalog",
     "CompactScan": ".scan.compact",
+    "Deadline": ".engine.deadline",
     "DescriptorParameters": ".scan.descriptor_parameters",
     "FirstfixError": ".errors",
     "Hypothesis": ".answer.localization",

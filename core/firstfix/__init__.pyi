@@ -11,6 +11,7 @@ from .builds.config import BuildConfig as BuildConfig
 from .catalog.catalog import Catalog as Catalog
 from .catalog.manifest import Manifest as Manifest
 from .decode import decode_query as decode_query
+from .engine.deadline import Deadline as Deadline
 from .engine.index import MapIndex as MapIndex
 from .engine.localizer import Localizer as Localizer
 from .engine.localizer import localize_among as localize_among

@@ -20,8 +20,8 @@ class Deadline:
     Args:
         at: of ``time.monotonic``; inf: none.
         word: eight bytes, aligned, which another process may write; None: a word of its own.
-        number: of the query, which is cancelled while the word holds it. Queries that come one after the
-            other may share a word: a late cancellation ends none of them but its own.
+        number: of the query, not 0. The query is cancelled while the word holds it. Queries that come one
+            after the other may share a word: a late cancellation ends none of them but its own.
 
     Attributes:
         at: as given.

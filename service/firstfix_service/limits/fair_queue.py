@@ -229,7 +229,8 @@ class FairQueue:
         """Remove a query whose work has ended, after so many seconds.
 
         Args:
-            is_whole: False: it was cancelled, which says nothing of the time of a usual query.
+            is_whole: False: it was cancelled, and would have taken longer. It tells of a usual query only if
+                it took longer than that: who lets slow queries be cancelled is slow, too.
         """
         caller, of_map = job.shares
         size_bytes = job.size_bytes
@@ -237,11 +238,13 @@ class FairQueue:
         self._slow.runs(job.asker, -job.is_slow)
         caller.used_s = max(caller.used_s + seconds - job.charged_s, self._virtual_time_s)
         of_map.used_s = max(of_map.used_s + seconds - job.charged_s, caller.virtual_time_s)
-        for one in (of_map, self) if is_whole else ():
-            if one.usual is None:
-                one.usual = UsualQuery(seconds, size_bytes)
-            else:
-                one.usual.include(seconds, size_bytes)
+        known = of_map.usual or self.usual
+        if is_whole or (known is not None and seconds > known.seconds):
+            for one in (of_map, self):
+                if one.usual is None:
+                    one.usual = UsualQuery(seconds, size_bytes)
+                else:
+                    one.usual.include(seconds, size_bytes)
         self._leave(job)
 
     def waiting(self) -> list[Job]:

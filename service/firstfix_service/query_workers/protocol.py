@@ -39,7 +39,7 @@ QUERY, ANSWER, OTHER = "query", "answer", "other"  # of a pickled object: a plai
 INLINE_BYTES = 32 << 10
 KEPT_BYTES = 4 << 20  # of memory, after a query; larger bodies are rare
 _HEAD = struct.Struct("<IIQQ")
-_CANCELLED = struct.Struct("=Q")
+_CANCELLED = struct.Struct("Q")  # native: written at once
 _BODIES_AT = mmap.PAGESIZE
 _MAX_MESSAGE_BYTES = 1 << 30
 _ROOM_BYTES = 128 << 10

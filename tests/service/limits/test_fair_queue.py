@@ -34,6 +34,7 @@ class Simulated:
         self.begun: list[str] = []
         self.waited_s: dict[str, list[float]] = {}
         self.used_s: Counter[str] = Counter()
+        self.cancelled: set[Job] = set()
         self._seconds: dict[Job, float] = {}
         self._running: list[tuple[float, int, Job]] = []
 
@@ -57,7 +58,7 @@ class Simulated:
         self.begin()
         while self._running and self._running[0][0] <= moment:
             self.now, _, job = heapq.heappop(self._running)
-            self.queue.ended(job, self._seconds[job])
+            self.queue.ended(job, self._seconds[job], is_whole=job not in self.cancelled)
             self.used_s[job.asker.caller] += self._seconds[job]
             self.begin()
         self.now = moment
@@ -265,6 +266,22 @@ def test_abandoned_work_counts_for_its_caller():
     sim.begin()
     assert [job.state for job in first] == [State.RUNNING, State.RUNNING, State.READY]
     assert sim.queue.crowding(Asker("robot", "hall")) is first[2], "three to none"
+
+
+def test_a_cancelled_query_tells_only_that_a_usual_one_is_no_quicker():
+    run = Simulated(1)
+
+    def cancelled_after(seconds: float) -> float:
+        run.cancelled.add(run.ask("robot", seconds))
+        run.finish()
+        usual = run.queue.usual
+        return 0.0 if usual is None else usual.seconds
+
+    assert cancelled_after(HEAVY_S) == 0.0, "no query has ended yet"
+    run.ask("robot", 1.0)
+    run.finish()
+    assert cancelled_after(QUICK_S) == 1.0
+    assert cancelled_after(HEAVY_S) == pytest.approx(1.1)
 
 
 def test_invented_maps_and_idle_callers_are_forgotten(
