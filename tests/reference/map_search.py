@@ -35,7 +35,6 @@ SCREENED_PER_REGISTERED = 12  # poses that are screened in the time of one candi
 COMPARED_PER_REGISTERED = 200  # templates that are compared in this time
 SLOWER = 1.5  # than estimated, at worst
 OTHER_UPS = 6  # at most, each with a first search of its own
-SCREENED_AGAIN = 0.4  # share of its poses that a step screens where a step before it has
 BEST_TEMPLATES = 0.1  # share of the screened templates near which a scan may fit that is levelled otherwise
 NEIGHBOUR_SPACINGS = 1.1  # of the templates: how near
 _NO_CANDIDATES = Candidates(np.empty(0, np.int64), np.empty((0, 4, 4)), np.empty(0))
@@ -71,6 +70,7 @@ class MapSearch:
     @property
     def is_settled(self) -> bool:
         """Whether the best pose is so surely right that nothing else is searched for."""
+        self.rank()
         return self._hypotheses.is_settled
 
     @property
@@ -246,9 +246,11 @@ def screened_candidates(
         levelled: the query's scans, each levelled in one way or several, which share the effort.
         before: templates and scores of what the step before has screened, if one has.
     """
-    screened = effort.screened if before is None else int(SCREENED_AGAIN * effort.screened)
+    screened, among = effort.screened, None
+    if before is not None:
+        among = promising_templates(index, *before)
+        screened = effort.screened * len(among) // len(index.cascade.templates)
     poses, clusters = (max(1, share // len(levelled)) for share in (screened, effort.clusters))
-    among = None if before is None else promising_templates(index, *before)
     descriptor = index.cascade.descriptor
     found = Candidates.merged(
         [
@@ -290,7 +292,6 @@ def _search(searches: Sequence[MapSearch]) -> None:
     """Climbs the effort levels until a place explains the scan: most scans need the first step alone."""
     for search in searches:
         search.take(Step.NARROW)
-        search.rank()
         if not search.is_settled:
             search.take(Step.WIDE)
     for step in (Step.OTHER_UPS, Step.EXHAUSTIVE):
@@ -318,7 +319,6 @@ def _one_explains_scan(searches: Sequence[MapSearch]) -> bool:
         return False
     best = max(found, key=lambda search: search.registered[0].support)
     best.take(Step.NARROW)
-    best.rank()
     return best.is_settled
 
 

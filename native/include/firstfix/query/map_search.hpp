@@ -19,9 +19,6 @@
 
 namespace firstfix {
 
-// Share of its poses that a step screens where a step before it has.
-constexpr double kScreenedAgain = 0.4;
-
 // What a caller says of a query.
 struct SearchOptions {
   std::optional<PriorRegion> prior;
@@ -216,7 +213,7 @@ class MapSearch {
   // Distinct candidates whose poses fit the coarse map best, best first. The descriptor alone mistakes the place where sparse
   // beams, occluders or a wrong up change many cells. A hundred points of the scan tell the places apart at a tenth of a
   // registration's time. The scans, each levelled in one way or several, share the effort. Where a step before has screened, only
-  // templates that are promising by that are compared.
+  // templates that are promising by that are compared, and the effort is as large a part as they are of all.
   std::vector<Candidate> screened(const std::vector<LevelledScan>& levelled, const Effort& effort) {
     const auto share = [&](std::size_t all) { return std::max<std::size_t>(1, all / levelled.size()); };
     Wanted each{share(effort.screened), share(effort.clusters), false};
@@ -224,7 +221,7 @@ class MapSearch {
     if (!screened_.empty()) {
       promising = promising_of_screened();
       each.among = &promising;
-      each.most = share(static_cast<std::size_t>(kScreenedAgain * static_cast<double>(effort.screened)));
+      each.most = share(effort.screened * promising.size() / map_.places->count);
     }
     std::vector<Candidate> candidates = merged(levelled, described_of(levelled), options_.prior, each);
     // neighbours read the same part of the map
