@@ -192,6 +192,12 @@ inline Wide<N> floats_of(const std::uint8_t* bytes) {
 // One bit for each lane whose mask is set.
 template <int N>
 inline std::uint32_t bits_of(const WideMask<N>& mask) {
+#if defined(__AVX512DQ__)
+  if constexpr (N == 16) return static_cast<std::uint32_t>(_mm512_movepi32_mask(reinterpret_cast<__m512i>(mask.part[0])));
+#endif
+#if defined(__AVX512DQ__) && defined(__AVX512VL__)
+  if constexpr (N == 8) return static_cast<std::uint32_t>(_mm256_movepi32_mask(reinterpret_cast<__m256i>(mask.part[0])));
+#endif
   static constexpr std::int32_t kBits[16] = {1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768};
   WideMask<N> bits;
   std::memcpy(&bits, kBits, sizeof bits);

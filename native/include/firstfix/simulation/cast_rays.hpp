@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 
 #include "firstfix/bit_exact/lanes.hpp"
@@ -98,13 +99,18 @@ inline void meet_leaf(const TriangleTree::Leaf& leaf, const float* origin, std::
   }
 }
 
+// The boxes of a node's children, seen from the origin.
+struct SeenBoxes {
+  float low[3][TriangleTree::kWidth], high[3][TriangleTree::kWidth];
+};
+
 // Which rays meet a child's box.
-inline std::uint32_t rays_to(const TriangleTree::Node& node, int child, const float* origin, const Bundle& bundle) {
+inline std::uint32_t rays_to(const SeenBoxes& boxes, int child, const Bundle& bundle) {
   const F16* over[3] = {&bundle.over_x, &bundle.over_y, &bundle.over_z};
   F16 enter(0), leave = bundle.range;
   for (int a = 0; a < 3; ++a) {
-    const F16 first = F16(node.low[a][child] - origin[a]) * *over[a];
-    const F16 second = F16(node.high[a][child] - origin[a]) * *over[a];
+    const F16 first = F16(boxes.low[a][child]) * *over[a];
+    const F16 second = F16(boxes.high[a][child]) * *over[a];
     enter = most(least(first, second), enter);
     leave = least(most(first, second), leave);
   }
@@ -150,11 +156,13 @@ inline Bundle bundle_of(Vectors<const float> directions, Span<const std::uint32_
 }
 
 // Squared distances from the origin to the boxes of a node, infinite where a box is outside of the pyramid.
-inline F8 away_squared(const TriangleTree::Node& node, const float* origin, const Bundle& bundle) {
+inline F8 away_squared(const TriangleTree::Node& node, const float* origin, const Bundle& bundle, SeenBoxes& boxes) {
   F8 low[3], high[3], squared(0);
   for (int a = 0; a < 3; ++a) {
     low[a] = F8::at(node.low[a]) - F8(origin[a]);
     high[a] = F8::at(node.high[a]) - F8(origin[a]);
+    std::memcpy(boxes.low[a], &low[a], sizeof boxes.low[a]);
+    std::memcpy(boxes.high[a], &high[a], sizeof boxes.high[a]);
     const F8 gap = most(most(low[a], F8(0) - high[a]), F8(0));
     squared = squared + gap * gap;
   }
@@ -186,11 +194,12 @@ inline void cast_bundle(const TriangleTree& tree, const float* origin, Bundle& b
     const TriangleTree::Node& node = tree.nodes()[static_cast<std::size_t>(number)];
     const float furthest = most_of(bundle.range);
     limit = furthest * furthest * (1 + 1e-5F);
-    const F8 squared = away_squared(node, origin, bundle);
+    SeenBoxes boxes;
+    const F8 squared = away_squared(node, origin, bundle, boxes);
     const int first = depth;
     for (std::uint32_t near = bits_of(squared <= F8(limit)); near; near &= near - 1) {
       const int i = __builtin_ctz(near);
-      const std::uint32_t rays = rays_to(node, i, origin, bundle);
+      const std::uint32_t rays = rays_to(boxes, i, bundle);
       if (!rays) continue;
       prefetch(tree, node.child[i]);
       const Entry entry{node.child[i], rays, squared[i]};

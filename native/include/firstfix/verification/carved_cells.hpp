@@ -110,25 +110,33 @@ class CarvedCells {
 // which stands once). Throws std::invalid_argument for points that are not finite, or too far from the origin.
 inline void take_out_near(const std::int32_t* brick, std::size_t n, const double* points, std::size_t count, double cell_m,
                           BrickBits* bits) {
-  BrickGrid<std::uint8_t> occupied(0);
-  for (std::size_t i = 0; i < count; ++i) occupied.at(cell_of(points + 3 * i, cell_m)) = 1;
+  BrickGrid<std::uint8_t> occupied(0);  // eight cells along z at once, a bit each
+  for (std::size_t i = 0; i < count; ++i) {
+    const CellIndex cell = cell_of(points + 3 * i, cell_m);
+    occupied.at({cell[0], cell[1], cell[2] >> 3}) |= static_cast<std::uint8_t>(1U << (cell[2] & 7));
+  }
   for (std::size_t row = 0; row < n; ++row) {
-    const CellIndex first{8 * brick[3 * row], 8 * brick[3 * row + 1], 8 * brick[3 * row + 2]};
-    bool filled[10][10][10];
-    bool any = false;
+    const CellIndex first{8 * brick[3 * row], 8 * brick[3 * row + 1], brick[3 * row + 2]};
+    std::uint32_t near[10][10];  // bit z: the cell there, or one above or below it
+    std::uint32_t any = 0;
     for (std::int32_t x = 0; x < 10; ++x) {
       for (std::int32_t y = 0; y < 10; ++y) {
-        for (std::int32_t z = 0; z < 10; ++z) {
-          any |= filled[x][y][z] = occupied.get(beside(first, x - 1, y - 1, z - 1)) != 0;
-        }
+        const auto along_z = [&](std::int32_t step) {
+          return static_cast<std::uint32_t>(occupied.get(beside(first, x - 1, y - 1, step)));
+        };
+        const std::uint32_t cells = along_z(-1) >> 7 | along_z(0) << 1 | (along_z(1) & 1U) << 9;
+        any |= near[x][y] = (cells | cells >> 1 | cells >> 2) & 0xFFU;
       }
     }
     if (!any) continue;
-    for (std::size_t cell = 0; cell < 512; ++cell) {
-      const std::size_t x = cell >> 6, y = cell >> 3 & 7, z = cell & 7;
-      bool near = false;
-      for (std::size_t i = 0; i < 27; ++i) near |= filled[x + i / 9][y + i / 3 % 3][z + i % 3];
-      if (near) bits[row][x] &= ~(std::uint64_t{1} << (cell & 63));
+    for (std::size_t x = 0; x < 8; ++x) {
+      std::uint64_t taken = 0;
+      for (std::size_t y = 0; y < 8; ++y) {
+        std::uint32_t around = 0;
+        for (std::size_t i = 0; i < 9; ++i) around |= near[x + i / 3][y + i % 3];
+        taken |= static_cast<std::uint64_t>(around) << (8 * y);
+      }
+      bits[row][x] &= ~taken;
     }
   }
 }
