@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import threading
 from typing import Any
 
 import zstandard
@@ -10,6 +11,16 @@ import zstandard
 from ..errors import MalformedData
 
 _MAX_WINDOW_BYTES = 1 << 20
+
+
+class _OfThread(threading.local):
+    """A decompressor for each thread: making one takes longer than the frames of a compact scan."""
+
+    def __init__(self) -> None:
+        self.decompressor = zstandard.ZstdDecompressor(max_window_size=_MAX_WINDOW_BYTES)
+
+
+_of_thread = _OfThread()
 
 
 class FrameReader:
@@ -47,9 +58,7 @@ class FrameReader:
             declared = zstandard.get_frame_parameters(frame).content_size
             if not least <= declared <= most:
                 raise MalformedData(f"a zstd frame declares {declared} bytes, not {least} to {most}")
-            content = zstandard.ZstdDecompressor(max_window_size=_MAX_WINDOW_BYTES).decompress(
-                frame, max_output_size=most, allow_extra_data=False
-            )
+            content = _of_thread.decompressor.decompress(frame, max_output_size=most, allow_extra_data=False)
         except zstandard.ZstdError as error:
             raise MalformedData(f"a zstd frame of the {self._name} is damaged: {error}") from None
         if len(content) != declared:

@@ -176,19 +176,6 @@ inline float sum_of(const Wide<N>& values) {
   return (sum[0][0] + sum[0][2]) + (sum[0][1] + sum[0][3]);
 }
 
-// Whole numbers of 8 bits as floats.
-template <int N>
-inline Wide<N> floats_of(const std::uint8_t* bytes) {
-  typedef std::uint8_t Bytes __attribute__((vector_size(Wide<N>::kLanes)));
-  Wide<N> made;
-  for (int i = 0; i < Wide<N>::kParts; ++i) {
-    Bytes part;
-    std::memcpy(&part, bytes + i * Wide<N>::kLanes, sizeof part);
-    made.part[i] = __builtin_convertvector(__builtin_convertvector(part, typename Wide<N>::Mask), typename Wide<N>::Part);
-  }
-  return made;
-}
-
 // One bit for each lane whose mask is set.
 template <int N>
 inline std::uint32_t bits_of(const WideMask<N>& mask) {

@@ -11,6 +11,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <vector>
 
 #include "firstfix/descriptor/bit_string.hpp"
@@ -91,15 +92,34 @@ class BestShifts {
     for (std::size_t byte = 0; byte < bytes_; byte += 64) __builtin_prefetch(bits + byte);
   }
 
+  // The same bits of each of the templates, as of BitString::word_at: where they lie is reckoned once for all of them.
+  WordLanes words_at(const std::array<detail::BitString, detail::kWordLanes>& group, std::size_t first, std::size_t count) const {
+    const std::size_t byte = first / 8, off = first % 8;
+    std::uint64_t words[detail::kWordLanes];
+    WordLanes found;
+    if (byte + 9 > bytes_) {
+      for (std::size_t lane = 0; lane < detail::kWordLanes; ++lane) words[lane] = group[lane].word_at(first, count);
+      std::memcpy(&found, words, sizeof found);
+      return found;
+    }
+    for (std::size_t lane = 0; lane < detail::kWordLanes; ++lane) words[lane] = detail::big_endian(group[lane].data + byte);
+    std::memcpy(&found, words, sizeof found);
+    found <<= off;
+    if (off + count > detail::kWordBits) {
+      WordLanes rest;
+      for (std::size_t lane = 0; lane < detail::kWordLanes; ++lane) words[lane] = group[lane].data[byte + 8];
+      std::memcpy(&rest, words, sizeof rest);
+      found |= rest >> (8 - off);
+    }
+    return found & detail::highest(count);
+  }
+
   // The rings that the query uses, each twice in a row, so that every turn of it can be read from there.
   void lay_out(const std::array<detail::BitString, detail::kWordLanes>& group) {
-    for (std::size_t lane = 0; lane < detail::kWordLanes; ++lane) {
-      const detail::BitString bits = group[lane];
-      for (std::size_t ring = 0; ring < used_.size(); ++ring) {
-        for (std::size_t word = 0; word < words_; ++word) {
-          const std::size_t sector = 64 * word, count = std::min(detail::kWordBits, sectors_ - sector);
-          left_[ring * doubled_ + word][lane] = bits.word_at(used_[ring] * sectors_ + sector, count);
-        }
+    for (std::size_t ring = 0; ring < used_.size(); ++ring) {
+      for (std::size_t word = 0; word < words_; ++word) {
+        const std::size_t sector = 64 * word, count = std::min(detail::kWordBits, sectors_ - sector);
+        left_[ring * doubled_ + word] = words_at(group, used_[ring] * sectors_ + sector, count);
       }
     }
     const std::size_t off = sectors_ % 64, whole = sectors_ / 64;

@@ -23,42 +23,40 @@ struct KeyCodes {
 class DistancesFrom {
  public:
   // key: (numbers).
-  DistancesFrom(const KeyCodes& keys, const float* key) : keys_(keys), above_(keys.numbers + kInStep), step_(above_.size()) {
+  DistancesFrom(const KeyCodes& keys, const float* key)
+      : keys_(keys), above_(keys.numbers + kInStep), step_(above_.size()), codes_(above_.size()) {
     for (std::size_t k = 0; k < keys.numbers; ++k) {
       step_[k] = keys.range[k] / 255.0F;
       above_[k] = key[k] - (keys.lowest[k] + 0.5F * step_[k]);
     }
   }
 
-  float to(std::size_t row) const {
+  float to(std::size_t row) {
     const std::uint8_t* codes = keys_.codes + row * keys_.numbers;
-    detail::F16 sum(0);
-    std::size_t k = 0;
-    for (; k + kInStep <= keys_.numbers; k += kInStep) sum = sum + squares(codes + k, k);
-    if (k < keys_.numbers) {
-      std::uint8_t last[kInStep] = {};
-      std::copy(codes + k, codes + keys_.numbers, last);
-      sum = sum + squares(last, k);
+    // loops of floats alone, and a loop of their own for the bytes: others are compiled number by number
+    for (std::size_t k = 0; k < keys_.numbers; ++k) codes_[k] = static_cast<float>(codes[k]);
+    const float *above = above_.data(), *step = step_.data(), *code = codes_.data();
+    float sum[kInStep] = {};
+    for (std::size_t k = 0; k < keys_.numbers; k += kInStep) {
+      for (std::size_t lane = 0; lane < kInStep; ++lane) {
+        const float away = above[k + lane] - step[k + lane] * code[k + lane];
+        sum[lane] += away * away;
+      }
     }
-    return detail::sum_of(sum);
+    return detail::sum_of(detail::F16::at(sum));
   }
 
  private:
   static constexpr std::size_t kInStep = 16;  // whatever the processor has: a sum has one order
 
-  detail::F16 squares(const std::uint8_t* codes, std::size_t first) const {
-    const auto away = detail::F16::at(&above_[first]) - detail::F16::at(&step_[first]) * detail::floats_of<16>(codes);
-    return away * away;
-  }
-
   KeyCodes keys_;
-  std::vector<float> above_, step_;  // with room for the last step
+  std::vector<float> above_, step_, codes_;  // with room for the last step, whose rest is 0
 };
 
 // Rows, ascending, of the `most` keys nearest to a key; of equally near ones the lower rows. among: only these rows.
 inline std::vector<std::int64_t> nearest_keys(const KeyCodes& keys, const float* key, std::size_t most,
                                               const std::vector<std::int64_t>* among = nullptr) {
-  const DistancesFrom distances(keys, key);
+  DistancesFrom distances(keys, key);
   std::vector<std::uint64_t> found(among == nullptr ? keys.count : among->size());
   for (std::size_t i = 0; i < found.size(); ++i) {
     const std::size_t row = among == nullptr ? i : static_cast<std::size_t>((*among)[i]);
