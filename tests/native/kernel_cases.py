@@ -214,10 +214,13 @@ def _search(native: Any, times: NDArray[np.float32] | None = None) -> Any:
     search = native.Search(map_searched, _query(native, times), prior)
     starts, (_, twist) = _starts()
     rows, score = np.arange(2), np.array([0.5, 0.4])
+    search.align(rows, starts, score)
+    may_explain = search.may_explain_scan()
     first = search.run(rows, starts, score, None, starts[:0], True)
     second = search.run(rows + 2, starts @ T_MAP_SENSOR, score, twist, starts, False)
     return (
         *(one for found in (first, second) for pose in found for one in pose),
+        may_explain,
         search.is_settled(),
         search.explains_scan(),
         search.is_accepted(0.5),

@@ -70,7 +70,12 @@ def candidates_of_scan(
     """
     templates, matches = index.cascade.templates, _matches(index, described, scan, prior, clusters)
     if among is not None:
-        matches = Matches(*(column[np.isin(matches.rows, among)] for column in (matches.rows, matches.yaw_rad, matches.score)))
+        matches = Matches(
+            *(
+                column[np.isin(matches.rows, among)]
+                for column in (matches.rows, matches.yaw_rad, matches.score)
+            )
+        )
     headings = None
     if prior is not None:
         headings = index.T_map_level, prior.yaw_deg, prior.yaw_range_deg + YAW_SLACK_DEG

@@ -41,7 +41,9 @@ _HOPEFUL_FROM = 0.85
 # no place explains needs them: they tell that it is of another place.
 _EXPLAINED_FROM = 0.85
 HOPELESS_BELOW = 0.01  # probability; its rivals could not move it by more
-_MAY_BE_SURE = 0.5  # probability that a pose has at most, from which on it may be sure once it is aligned finely
+_MAY_BE_SURE = (
+    0.5  # probability that a pose has at most, from which on it may be sure once it is aligned finely
+)
 _ENOUGH_UNSURE = 12  # poses: where none of so many may be sure, those that fit worse are no answer either
 _REFINED_BY = 0.15  # by which fine alignment may raise the inlier ratio
 NO_POSES = np.empty((0, 4, 4))
@@ -395,7 +397,9 @@ class HypothesisSearch:
         if following.support < min(supports[1], supports[0] - self._ranking.rival_within):
             return True
         calibration = self._index.calibration
-        is_hopeless = calibration.cases and self._most(checked[0]) < min(HOPELESS_BELOW, self._ranking.promising)
+        is_hopeless = calibration.cases and self._most(checked[0]) < min(
+            HOPELESS_BELOW, self._ranking.promising
+        )
         if is_hopeless and following.support < supports[0]:
             return True
         return calibration.ends_search(features_of([*checked, following]))

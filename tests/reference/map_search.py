@@ -283,7 +283,9 @@ def promising_templates(
     order = rows[np.argsort(-best[rows], kind="stable")][: int(BEST_TEMPLATES * len(rows)) + 1]
     is_promising = best == -np.inf
     for row in order.tolist():
-        near = index.cascade.tiles.within(position_m, position_m[row], NEIGHBOUR_SPACINGS * index.config.spacing_m)
+        near = index.cascade.tiles.within(
+            position_m, position_m[row], NEIGHBOUR_SPACINGS * index.config.spacing_m
+        )
         is_promising[near] = True
     return np.flatnonzero(is_promising)
 

@@ -220,15 +220,21 @@ def _asked(
 ) -> AskedQuery:
     """The query as one map was asked, and how to ask it for another scan."""
 
-    def ask(scan: Scan, others: LocalizeOptions, least_ratio: float) -> MapSearch | None:
+    def asked(scan: Scan, others: LocalizeOptions, least_ratio: float) -> MapSearch | None:
         apart = Stopwatch(watch.deadline)
         again = one_map.prepare(ScanSequence.single(scan), others, apart, map_id)
         if again is None:
             return None
         search = one_map.search(again, others, apart, map_id)
-        if not search.may_fit(least_ratio):
-            return None
-        search.take(Step.NARROW)
+        return search if search.may_fit(least_ratio) else None
+
+    def may_fit(scan: Scan, others: LocalizeOptions, least_ratio: float) -> bool:
+        return asked(scan, others, least_ratio) is not None
+
+    def ask(scan: Scan, others: LocalizeOptions, least_ratio: float) -> MapSearch | None:
+        search = asked(scan, others, least_ratio)
+        if search is not None:
+            search.take(Step.NARROW)
         return search
 
     return AskedQuery(
@@ -238,6 +244,7 @@ def _asked(
         prepared,
         one_map.index.config.preprocess,
         one_map.index.cascade.templates.usual_height_m,
+        may_fit,
         ask,
         began,
     )

@@ -84,7 +84,10 @@ std::optional<Finding> by_other_forms(const Localization& answer, const AskedQue
     MapQuery asked_again(query.map, std::move(*prepared), form.options, query.deadline);
     MapSearch& search = asked_again.search();
     StageTimes times;
-    if (search.may_fit(sent_ratio + kBetter / 2, times)) search.take(Step::narrow, times);
+    if (search.may_fit(sent_ratio + kBetter / 2, times)) {
+      search.take(Step::narrow, times);
+      search.rank(times);
+    }
     longest_s = std::max(longest_s, seconds_since(began));
     if (!search.is_settled()) continue;
     const RegisteredPose& best = search.found().front();

@@ -14,6 +14,7 @@ from ...answer.localization import Localization, Reason, Verdict
 from ...answer.options import LocalizeOptions
 from ...answer.scan_facts import ScanFacts
 from ...answer.time_findings import no_times_finding, time_field_finding
+from ...bit_exact.sample import rows_by_chance
 from ...findings import scan_kinds
 from ...findings.finding import Finding
 from ...scan.compact import CompactScan
@@ -25,14 +26,15 @@ from ..preprocess import PreparedQuery
 from ..stopwatch import Stopwatch
 from .facts import MEASURED, facts_of
 from .input_findings import input_finding
-from .other_forms import BETTER, other_forms
+from .other_forms import BETTER, OtherForm, other_forms
 from .place_findings import mounting_finding, reasons_found
 from .viewpoint import best_viewpoint, is_elsewhere, is_even, is_map_origin, is_suspect
 
 FLAT = 0.01  # plane ratio of a 2-D LiDAR's scan
-MAX_TIME = 2.0  # of the other forms, over that of the query
+MAX_TIME = 4.0  # of the other forms, over that of the query
 _FITS_FROM = 0.85  # inlier ratio of places that tie; poorer ones tie because nothing fits
 _SLOWER = 1.5  # than the forms before it, at worst
+GLANCED = 10_000  # points
 
 
 @dataclass(frozen=True)
@@ -45,8 +47,9 @@ class AskedQuery:
         prepared: the scans, prepared for this map; None: too few points.
         config: this map's.
         usual_height_m: of the map's own sensor above the floor.
-        ask: makes the first search of another scan or with other options; None: it has too few points, or no
-            more than a share of it lies on the map.
+        may_fit: whether another scan, or the scan with other options, may be found by the first search, with
+            more than a share of it on the map.
+        ask: makes this search; None: it may not.
         began: on ``time.monotonic``.
     """
 
@@ -56,6 +59,7 @@ class AskedQuery:
     prepared: PreparedQuery | None
     config: PreprocessConfig
     usual_height_m: float
+    may_fit: Callable[[Scan, LocalizeOptions, float], bool]
     ask: Callable[[Scan, LocalizeOptions, float], MapSearch | None]
     began: float
 
@@ -64,6 +68,27 @@ class AskedQuery:
         """Point that the scan does not have, because the robot or the decoder left them out."""
         dropped = self.scan.dropped if isinstance(self.scan, Scan) else Dropped()
         return self.options.dropped or dropped
+
+    @cached_property
+    def _glanced(self) -> Scan:
+        """A part of the scan, which is enough to see that a form of it does not fit."""
+        assert isinstance(self.scan, Scan)
+        count = len(self.scan)
+        if count <= GLANCED:
+            return self.scan
+        rows = rows_by_chance(count, GLANCED)
+        intensity, time_s = (
+            None if values is None else values[rows] for values in (self.scan.intensity, self.scan.time_s)
+        )
+        return replace(self.scan, points=self.scan.points[rows], intensity=intensity, time_s=time_s)
+
+    def ask_whole(self, form: OtherForm, least_ratio: float) -> MapSearch | None:
+        """The first search of a form, as by ``ask``, unless a part of the scan shows that it does not fit."""
+        assert isinstance(self.scan, Scan)
+        is_part = len(self._glanced) < len(self.scan)
+        if is_part and not self.may_fit(form.change(self._glanced), form.options, least_ratio):
+            return None
+        return self.ask(form.change(self.scan), form.options, least_ratio)
 
     @cached_property
     def part(self) -> NDArray[np.float32]:
@@ -181,7 +206,7 @@ def _by_other_forms(answer: Localization, query: AskedQuery, watch: Stopwatch) -
         began = time.monotonic()
         if began + _SLOWER * longest_s > end:
             return None
-        search = query.ask(form.scan, form.options, sent_ratio + BETTER / 2)
+        search = query.ask_whole(form, sent_ratio + BETTER / 2)
         longest_s = max(longest_s, time.monotonic() - began)
         if search is None or not search.is_settled:
             continue

@@ -29,6 +29,7 @@ _MAX_TURN = 2 * np.pi + 0.01
 _DEGREES = 360.0
 
 Numbers = Mapping[str, float]
+ChangePoints = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 
 @dataclass(frozen=True)
@@ -36,12 +37,12 @@ class OtherForm:
     """One form in which a query is asked again.
 
     Attributes:
-        scan: the scan in this form.
+        change: makes this form of the scan, or of a part of its points.
         options: options in this form.
         finding: makes the finding from the best place, and the numbers of both forms.
     """
 
-    scan: Scan
+    change: Callable[[Scan], Scan]
     options: LocalizeOptions
     finding: Callable[[RegisteredCandidate, Numbers], Finding]
 
@@ -56,15 +57,15 @@ def other_forms(
         height_m: of the sensor above the floor, as the scan shows it; None: not known.
         usual_height_m: of the map's own sensor above the floor.
     """
-    yield from _without_options(scan, options)
+    yield from _without_options(options)
     free = replace(options, prior=None, twist=None)  # the forms below have no times of their points
     yield from _of_columns(scan, free)
     for axis, name in ((1, "y"), (2, "z")):
         mirror = np.ones(3, np.float32)
         mirror[axis] = -1
-        yield _of_points(scan.points * mirror, free, scan_kinds.MIRRORED.found, axis=name)
+        yield _of_points(_multiplied(mirror), free, scan_kinds.MIRRORED.found, axis=name)
     for scale, unit in scales(height_m, usual_height_m):
-        yield _scaled(scan, free, scale, unit)
+        yield _scaled(free, scale, unit)
 
 
 def scales(height_m: float | None, usual_height_m: float) -> Iterator[tuple[float, str]]:
@@ -83,12 +84,12 @@ def scales(height_m: float | None, usual_height_m: float) -> Iterator[tuple[floa
 
 def from_polar(points: NDArray[np.float32]) -> NDArray[np.float32] | None:
     """Points of (n, 3) ranges, azimuths and elevations; None: the numbers cannot be such."""
-    if not len(points):
+    if not len(points) or float(points[:, 0].min()) < 0:
         return None
     # in float64, whose rounded results are the same on nearly every processor
     range_m, azimuth, elevation = points.T.astype(np.float64)
     spans = float(np.abs(azimuth).max()), float(np.abs(elevation).max())
-    if float(range_m.min()) < 0 or spans[0] > _DEGREES or spans[1] > 90:
+    if spans[0] > _DEGREES or spans[1] > 90:
         return None
     if spans[0] > _MAX_TURN or spans[1] > np.pi / 2 + 0.01:
         azimuth, elevation = np.radians(azimuth), np.radians(elevation)
@@ -100,18 +101,30 @@ def from_polar(points: NDArray[np.float32]) -> NDArray[np.float32] | None:
 
 def _of_columns(scan: Scan, options: LocalizeOptions) -> Iterator[OtherForm]:
     if scan.intensity is not None and float(np.ptp(scan.intensity)) > 0:
-        shifted = np.column_stack([scan.points[:, 1:], scan.intensity])
-        yield _of_points(shifted, options, _columns_shifted)
-    polar = from_polar(scan.points)
-    if polar is not None:
-        yield _of_points(polar, options, scan_kinds.POLAR.found)
+        yield OtherForm(_shifted, options, lambda _, numbers: _columns_shifted(numbers))
+    if from_polar(scan.points) is not None:
+        yield _of_points(_unrolled, options, scan_kinds.POLAR.found)
+
+
+def _unrolled(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    found = from_polar(points)
+    return points if found is None else found
+
+
+def _shifted(scan: Scan) -> Scan:
+    assert scan.intensity is not None
+    return Scan.from_points(np.column_stack([scan.points[:, 1:], scan.intensity]))
 
 
 def _columns_shifted(numbers: Numbers) -> Finding:
     return scan_kinds.COLUMNS_SHIFTED.found(numbers, evidence=_FITS_TEXT.format(**numbers))
 
 
-def _without_options(scan: Scan, options: LocalizeOptions) -> Iterator[OtherForm]:
+def _as_sent(scan: Scan) -> Scan:
+    return scan
+
+
+def _without_options(options: LocalizeOptions) -> Iterator[OtherForm]:
     gravity, prior = options.gravity, options.prior
     if gravity is not None:
 
@@ -121,28 +134,33 @@ def _without_options(scan: Scan, options: LocalizeOptions) -> Iterator[OtherForm
             kind = scan_kinds.GRAVITY_SIGN if off_deg > 135 else scan_kinds.GRAVITY_WRONG
             return kind.found({**numbers, "off_deg": off_deg})
 
-        yield OtherForm(scan, replace(options, gravity=-gravity), by_gravity)
-        yield OtherForm(scan, replace(options, gravity=None), by_gravity)
+        yield OtherForm(_as_sent, replace(options, gravity=-gravity), by_gravity)
+        yield OtherForm(_as_sent, replace(options, gravity=None), by_gravity)
     if prior is not None:
 
         def by_prior(best: RegisteredCandidate, numbers: Numbers) -> Finding:
             off_m = float(np.linalg.norm(best.T_map_sensor[:3, 3] - prior.position_m))
             return scan_kinds.PRIOR_WRONG.found({**numbers, "distance_m": off_m})
 
-        yield OtherForm(scan, replace(options, prior=None), by_prior)
+        yield OtherForm(_as_sent, replace(options, prior=None), by_prior)
 
 
-def _scaled(scan: Scan, options: LocalizeOptions, scale: float, unit: str) -> OtherForm:
+def _scaled(options: LocalizeOptions, scale: float, unit: str) -> OtherForm:
     def found(numbers: Numbers, **words: str) -> Finding:
         return scan_kinds.SCALED.found({**numbers, "scale": scale}, **words)
 
-    return _of_points(
-        scan.points * np.float32(scale), options, found, unit=_SCALE_TEXT.format(unit) if unit else ""
-    )
+    text = _SCALE_TEXT.format(unit) if unit else ""
+    return _of_points(_multiplied(np.float32(scale)), options, found, unit=text)
+
+
+def _multiplied(factor: np.float32 | NDArray[np.float32]) -> ChangePoints:
+    return lambda points: points * factor
 
 
 def _of_points(
-    points: NDArray[np.float32], options: LocalizeOptions, found: Callable[..., Finding], **words: str
+    change: ChangePoints, options: LocalizeOptions, found: Callable[..., Finding], **words: str
 ) -> OtherForm:
-    form = Scan.from_points(np.ascontiguousarray(points, np.float32))
-    return OtherForm(form, options, lambda _, numbers: found(numbers, **words))
+    def changed(scan: Scan) -> Scan:
+        return Scan.from_points(np.ascontiguousarray(change(scan.points), np.float32))
+
+    return OtherForm(changed, options, lambda _, numbers: found(numbers, **words))

@@ -84,7 +84,7 @@ def test_intensities_from_0_to_1_are_left_to_the_form_that_fits():
     scan = shifted(points, RNG.integers(0, 256, len(points)) / 255)
     assert found(scan) is None
     tried = next(other_forms(scan, LocalizeOptions(), None, 1.0))
-    np.testing.assert_allclose(tried.scan.points, points, atol=1e-6)
+    np.testing.assert_allclose(tried.change(scan).points, points, atol=1e-6)
 
 
 def test_right_scans_are_not_named():

@@ -25,7 +25,7 @@ struct MapFolder {
 class Localizer {
  public:
   // How long other forms of a scan that is not localized may be tried, to say why, over the time that its query has taken.
-  static constexpr double kExplaining = 2;
+  static constexpr double kExplaining = 4;
 
   // Opens a version as TemplateSearch does, of more files. explaining: kExplaining or another share; 0: no other form is tried.
   explicit Localizer(const std::string& folder, double explaining = kExplaining);
