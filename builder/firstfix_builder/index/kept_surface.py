@@ -31,7 +31,7 @@ from .views import STEP_M
 from .visible_points import BORDER_M, SEEN_WITHIN_M
 
 NEWLY_SEEN_M = 0.5  # from all points that stay: nearer ones fill the gaps of what was seen from afar
-BESIDE_M = 4.0  # of what has changed: surface that it hid is taken up to the points that stay
+BESIDE_M = 4.0  # cells about what has changed: surface that it hid is taken up to the points that stay
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class KeptSurface:
         points, left = np.ascontiguousarray(thin[:, :3]), self.before.points[stays]
         is_new = self.change.holds(points)
         places = np.concatenate([self.before.points[~stays], points[is_new]])
-        beside = np.isfinite(distances(points, places, BESIDE_M))
+        beside = ~far_from(points, places, BESIDE_M)
         for rows, apart_m in ((beside & ~is_new, voxel_m), (~beside & ~is_new, NEWLY_SEEN_M)):
             is_new[rows] = far_from(points[rows], left, apart_m)
         return stays, points[is_new], thin[is_new, 3:]
