@@ -30,7 +30,8 @@ from .seen_voxels import SeenBlocks, mean_points
 from .views import STEP_M
 from .visible_points import BORDER_M, SEEN_WITHIN_M
 
-NEWLY_SEEN_M = 0.5  # from all points before: nearer ones fill the gaps of what was seen from afar
+NEWLY_SEEN_M = 0.5  # from all points that stay: nearer ones fill the gaps of what was seen from afar
+BESIDE_M = 4.0  # cells about what has changed: surface that it hid is taken up to the points that stay
 
 
 @dataclass(frozen=True)
@@ -90,10 +91,13 @@ class KeptSurface:
         """Which points before stay, the new (k, 3) points, and their (k, 3) directions to who sees them."""
         stays = ~self.change.holds(self.before.points)
         thin = (voxel_means(looked, voxel_m) if len(looked) else looked).astype(np.float32)
-        is_new = self.change.holds(thin[:, :3])
-        elsewhere = np.flatnonzero(~is_new)
-        is_new[elsewhere] = far_from(thin[elsewhere, :3], self.before.points, NEWLY_SEEN_M)
-        return stays, thin[is_new, :3], thin[is_new, 3:]
+        points, left = np.ascontiguousarray(thin[:, :3]), self.before.points[stays]
+        is_new = self.change.holds(points)
+        places = np.concatenate([self.before.points[~stays], points[is_new]])
+        beside = ~far_from(points, places, BESIDE_M)
+        for rows, apart_m in ((beside & ~is_new, voxel_m), (~beside & ~is_new, NEWLY_SEEN_M)):
+            is_new[rows] = far_from(points[rows], left, apart_m)
+        return stays, points[is_new], thin[is_new, 3:]
 
     def _of_cloud(
         self, looked: NDArray[np.float64], cloud: NDArray[np.floating], voxel_m: float

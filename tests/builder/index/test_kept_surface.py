@@ -97,6 +97,15 @@ def test_the_surface_of_a_mesh_is_seen_anew_where_it_has_changed(changed: Change
     np.testing.assert_array_equal(found.points[:kept], before.points[~changed.change.holds(before.points)])
 
 
+def test_surface_beside_what_has_gone_is_seen_to_its_edge(changed: Changed, tmp_path: Path):
+    """As if the box had hidden a strip of the floor that is less than a metre wide."""
+    whole = from_nothing(BEFORE)
+    hidden = ((whole.points > (12.2, 6.0, -0.1)) & (whole.points < (13.0, 8.0, 0.1))).all(axis=1)
+    assert hidden.sum() > 20
+    found = rebuilt(changed, tmp_path, whole.at(~hidden))
+    assert cKDTree(found.points).query(whole.points[hidden])[0].max() < 1.75 * VOXEL_M
+
+
 def test_a_cloud_keeps_its_normals_but_around_what_has_changed(changed: Changed, tmp_path: Path):
     clouds = [from_nothing(mesh).points.astype(np.float64) for mesh in (BEFORE, AFTER)]
     outside = ~changed.change.holds(clouds[1])
