@@ -1,7 +1,8 @@
 """Free space of a map of which little has changed: that of the version before, but for what has changed.
 
-A cell outside of what has changed that the mapping run saw free stays free. Within it a cell is free that the
-rays pass which may meet the change: all that pass such a cell are among them.
+The mapping run is the same; of another one all cells are carved anew. A cell outside of what has changed that
+the run saw free stays free. Within it a cell is free that the rays pass which may meet the change: all that
+pass such a cell are among them.
 """
 
 from __future__ import annotations
@@ -19,12 +20,32 @@ from firstfix.sensor import SensorModel
 
 from ..execution.chunks import Arrays
 from ..execution.local_executor import in_turn
+from ..rebuild.base_version import BaseVersion
 from ..simulation.changed_surface import ChangedSurface
 from ..simulation.simulate import upright
-from .carve import AT_ONCE, BACK_OFF_M, CarveChunk, carve_chunks, cell_width_m, merged, poses_needed, rays_of
+from .carve import (
+    AT_ONCE,
+    BACK_OFF_M,
+    CarveChunk,
+    carve_chunks,
+    cell_width_m,
+    hash_of_run,
+    merged,
+    poses_needed,
+    rays_of,
+)
 
 _SIDE = 8  # of a brick, in cells
 _BITS = 21  # of a brick's number along each axis, in its key
+
+
+def free_before(base: BaseVersion, trajectory: NDArray[np.float64]) -> SeenFree | None:
+    """The free cells of the version before; None: it has none, or another mapping run saw them.
+
+    Args:
+        trajectory: (m, 4, 4) poses of the mapping run now.
+    """
+    return SeenFree.load(base.directory) if base.mapping_run == hash_of_run(trajectory) else None
 
 
 def carved_anew(
@@ -39,7 +60,7 @@ def carved_anew(
 
     Args:
         before: cells of the version before.
-        trajectory: (m, 4, 4) poses of the mapping run.
+        trajectory: (m, 4, 4) poses of the mapping run, the same as before.
         mesh: folder of the finished stage.
     """
     chunks = carve_chunks(trajectory, sensor, registration)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -11,19 +12,21 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 import tests.reference.seen_free as oracle
+from firstfix.catalog.manifest import Manifest
 from firstfix.engine.config import RegistrationConfig
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.verification.seen_free import SeenFree
 from firstfix.sensor import preset
 from firstfix_builder.execution.stage_cache import StageResult
-from firstfix_builder.index.carve import carve_chunks, cell_width_m, merged
+from firstfix_builder.index.carve import carve_chunks, cell_width_m, hash_of_run, merged
 from firstfix_builder.index.changed_views import changed_views
-from firstfix_builder.index.kept_free_space import carved_anew, cells_within
+from firstfix_builder.index.kept_free_space import carved_anew, cells_within, free_before
 from firstfix_builder.index.kept_surface import NEWLY_SEEN_M, KeptSurface, distances, far_from
 from firstfix_builder.index.views import views_in
 from firstfix_builder.index.visible_points import map_surface
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.tiled_mesh import TiledMesh
+from firstfix_builder.rebuild.base_version import BaseVersion, write_made_by
 from firstfix_builder.simulation.changed_surface import ChangedSurface
 from firstfix_builder.simulation.simulate import Simulator, upright
 from tests.builder.box_scenes import box, floor
@@ -176,6 +179,18 @@ def test_free_space_is_carved_anew_where_the_surface_has_changed(changed: Change
     assert inside(found_cells) == inside(now)
     assert then - inside(then) <= found_cells <= then | now
     assert len(now - found_cells) < 0.05 * len(now)
+
+
+def test_free_space_is_kept_of_the_same_mapping_run_alone(tmp_path: Path):
+    run = upright(np.array([[x, 12.0, 1.0] for x in np.arange(2, 40)]))
+    SeenFree.of_bricks(np.zeros((1, 3), np.int32), np.ones((1, 8, 2), np.int32), 0.1).save(tmp_path)
+    base = BaseVersion(tmp_path, cast("Manifest", None))
+    write_made_by(tmp_path, hash_of_run(run))
+    assert free_before(base, run) is not None
+    for other in (run[:-4], np.concatenate([run, run[:1]]), run + np.eye(4, k=3)[None]):
+        assert free_before(base, other) is None
+    write_made_by(tmp_path, hash_of_run(None))
+    assert free_before(base, run) is None
 
 
 def test_bricks_are_those_that_the_tables_were_made_of():
