@@ -342,7 +342,10 @@ class BuildStages:
                 return
             before = None if kept is None else free_before(kept.base, trajectory)
             if before is not None and self.change is not None:
-                free = carved_anew(before, trajectory, sensor, registration, self.change, mesh.directory)
+                check = partial(self.runner.check_wanted, "carve_free_space")
+                free = carved_anew(
+                    before, trajectory, sensor, registration, self.change, mesh.directory, check
+                )
             else:
                 free = merged(run(carve_chunks(trajectory, sensor, registration)), poses_needed(trajectory))
             for name, array in free.items():
@@ -383,7 +386,8 @@ class BuildStages:
             def look(positions: NDArray[np.floating]) -> Iterator[Arrays]:
                 if surface is None:
                     return run(view_chunks(positions, sensor, reaches))
-                return changed_views(positions, surface, sensor, mesh.directory)
+                check = partial(self.runner.check_wanted, "build_index")
+                return changed_views(positions, surface, sensor, mesh.directory, check)
 
             write_index_files(
                 out,

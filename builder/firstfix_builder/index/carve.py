@@ -131,7 +131,7 @@ def hash_of_run(trajectory: NDArray[np.float64] | None) -> str | None:
     """Sha256 of what carves of a mapping run's (m, 4, 4) poses; None: there are none."""
     if trajectory is None:
         return None
-    return sha256(thinned(trajectory[:, :3, 3]).astype(np.float32, order="C")).hexdigest()
+    return sha256(thinned(trajectory[:, :3, 3]).astype(np.float32).tobytes()).hexdigest()
 
 
 def thinned(places: NDArray[np.float64]) -> NDArray[np.float64]:

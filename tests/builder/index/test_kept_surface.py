@@ -16,6 +16,7 @@ from firstfix.catalog.manifest import Manifest
 from firstfix.engine.config import RegistrationConfig
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.verification.seen_free import SeenFree
+from firstfix.errors import BuildCancelled
 from firstfix.sensor import preset
 from firstfix_builder.execution.stage_cache import StageResult
 from firstfix_builder.index.carve import carve_chunks, cell_width_m, hash_of_run, merged
@@ -139,6 +140,20 @@ def test_a_new_viewpoint_sees_all_around(changed: Changed, tmp_path: Path):
     assert cKDTree(found.points).query(from_nothing(AFTER).points)[0].max() < 2 * NEWLY_SEEN_M
 
 
+def test_a_cancelled_build_ends_between_the_chunks_that_are_made_anew(changed: Changed):
+    def cancelled() -> None:
+        raise BuildCancelled("by its caller")
+
+    kept = KeptSurface(from_nothing(BEFORE), changed.change, POSITIONS)
+    with pytest.raises(BuildCancelled):
+        list(changed_views(POSITIONS, kept, SENSOR, changed.mesh, cancelled))
+    run = upright(np.array([[x, 12.0, 1.0] for x in np.arange(2, 40)]))
+    registration, none = RegistrationConfig(map_voxel_m=VOXEL_M), np.zeros((0, 3), np.int32)
+    before = SeenFree.of_bricks(none, np.zeros((0, 8, 2), np.int32), cell_width_m(registration))
+    with pytest.raises(BuildCancelled):
+        carved_anew(before, run, SENSOR, registration, changed.change, changed.mesh, cancelled)
+
+
 def test_near_and_far_points_are_those_of_a_tree():
     rng = np.random.default_rng(2)
     points, places = (rng.uniform(-9, 9, (n, 3)).astype(np.float32) for n in (3000, 40))
@@ -201,6 +216,18 @@ def test_bricks_are_those_that_the_tables_were_made_of():
     assert dict(zip(map(bytes, found[0]), map(bytes, found[1]), strict=True)) == dict(
         zip(map(bytes, brick), map(bytes, bits), strict=True)
     )
+
+
+@pytest.mark.parametrize("high_m", [(1.3, 2.6, 2.0), (2000.0, 2000.0, 0.5)])
+def test_the_cells_within_a_box_are_those_that_lie_wholly_in_it(high_m: tuple[float, ...]):
+    """A triangle may be as large as the map: so may its box be."""
+    brick = np.stack(np.meshgrid(*3 * [np.arange(-1, 3)]), axis=-1).reshape(-1, 3).astype(np.int32)
+    low, high = np.float32([[-0.35, -0.5, 0.1]]), np.float32([high_m])
+    change = ChangedSurface(StageResult("", Path(), ""), low, high, None, None)
+    found = oracle.cells_in(brick, cells_within(brick, change, 0.25))
+    corner = np.stack(np.meshgrid(*3 * [np.arange(-8, 24)]), axis=-1).reshape(-1, 3)
+    inside = ((corner * 0.25 >= low) & ((corner + 1) * 0.25 <= high)).all(axis=1)
+    assert found == {tuple(cell) for cell in corner[inside].tolist()}
 
 
 def test_no_cell_is_within_no_change(changed: Changed):
