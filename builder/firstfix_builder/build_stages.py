@@ -23,18 +23,17 @@ from firstfix.engine.index import CALIBRATION_FILE, MAP_FILE, MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.retrieval.alias_table import AliasTable
 from firstfix.engine.retrieval.cascade import PROJECTION_FILE, Clusters, Templates, save_projection
-from firstfix.engine.verification.seen_free import SeenFree
 
 from .execution.build_trace import within_a_stage
 from .execution.chunks import Arrays, Chunk
 from .execution.stage_cache import StageResult
 from .execution.stage_runner import Progress, RunChunks, StageRunner
-from .index.carve import carve_chunks, merged, poses_needed, seen_free
+from .index.carve import carve_chunks, hash_of_run, merged, poses_needed, seen_free
 from .index.changed_views import changed_views
 from .index.cloud_octree import draw_cloud
 from .index.index_files import VIEWS_SHARE, write_index_files
 from .index.kept_aliases import KeptAliases
-from .index.kept_free_space import carved_anew
+from .index.kept_free_space import carved_anew, free_before
 from .index.kept_surface import KeptSurface
 from .index.key_scans import KeyScans, key_scan_chunks
 from .index.learn_keys import is_worth_learning, learn_keys, scans_for
@@ -332,7 +331,8 @@ class BuildStages:
         """The cells that the mapping run saw free: none without a trajectory, and none provisionally.
 
         Args:
-            kept: what the version has of the one before: cells are carved anew where the surface has changed.
+            kept: what the version has of the one before: of the same mapping run, cells are carved anew where
+                the surface has changed.
         """
         sensor, registration = self.config.sensor_model, engine.registration
 
@@ -340,9 +340,12 @@ class BuildStages:
             trajectory = read.trajectory
             if trajectory is None or self.provisional:
                 return
-            before = None if kept is None else SeenFree.load(kept.base.directory)
+            before = None if kept is None else free_before(kept.base, trajectory)
             if before is not None and self.change is not None:
-                free = carved_anew(before, trajectory, sensor, registration, self.change, mesh.directory)
+                check = partial(self.runner.check_wanted, "carve_free_space")
+                free = carved_anew(
+                    before, trajectory, sensor, registration, self.change, mesh.directory, check
+                )
             else:
                 free = merged(run(carve_chunks(trajectory, sensor, registration)), poses_needed(trajectory))
             for name, array in free.items():
@@ -383,7 +386,8 @@ class BuildStages:
             def look(positions: NDArray[np.floating]) -> Iterator[Arrays]:
                 if surface is None:
                     return run(view_chunks(positions, sensor, reaches))
-                return changed_views(positions, surface, sensor, mesh.directory)
+                check = partial(self.runner.check_wanted, "build_index")
+                return changed_views(positions, surface, sensor, mesh.directory, check)
 
             write_index_files(
                 out,
@@ -398,7 +402,7 @@ class BuildStages:
             )
             if not self.provisional:  # for the build of the next version
                 link(mesh.directory / SURFACE_FILE, out / SURFACE_FILE)
-                write_made_by(out)
+                write_made_by(out, hash_of_run(read.trajectory))
             parts = {path.stem: np.load(path) for path in carved.directory.iterdir()}
             if parts:
                 seen_free(parts, np.load(out / MAP_FILE), fitted.engine.registration).save(out)

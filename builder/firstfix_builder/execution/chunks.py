@@ -39,7 +39,7 @@ from .build_trace import mark_chunks
 from .stage_cache import StageCache, StageResult, StagesElsewhere
 
 _FILE = "arrays.npz"
-RENEWED_AFTER = timedelta(days=1)  # a put waits for the disk, and a build uses thousands of results
+RENEWED_AFTER = timedelta(days=1)  # a put takes a while, and a build uses thousands of results
 MESH = "mesh"  # the input that holds a map's surface
 
 

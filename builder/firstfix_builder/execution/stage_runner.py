@@ -35,8 +35,7 @@ class StageRunner:
         self, name: str, inputs: Mapping[str, str], config: Any, produce: Callable[[Path], None]
     ) -> StageResult:
         """Result of a stage that runs in this process, unless it is cached."""
-        if self.cancelled():
-            raise BuildCancelled(f"cancelled before {name}")
+        self.check_wanted(name)
         self.progress(name, 0.0)
         result = self.cache.run(name, inputs, config, produce)
         self.progress(name, 1.0)
@@ -64,6 +63,15 @@ class StageRunner:
 
         digests = {reads: result.digest for reads, result in {**inputs, **(besides or {})}.items()}
         return self.stage(name, digests, config, lambda out: produce(out, run))
+
+    def check_wanted(self, name: str) -> None:
+        """Check that the build goes on, at a moment when it could end.
+
+        Raises:
+            BuildCancelled: it was cancelled.
+        """
+        if self.cancelled():
+            raise BuildCancelled(f"cancelled at {name}")
 
     def ticks(self, stage: str, share: float = 1.0) -> Callable[[float], None]:
         """Report the progress of a part of a stage, 0..1."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
+from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -124,6 +125,13 @@ def poses_needed(trajectory: NDArray[np.float64]) -> int:
     places = thinned(trajectory[:, :3, 3])
     apart_m = np.linalg.norm(np.diff(places, axis=0), axis=1)
     return 2 if len(apart_m) and np.median(apart_m) <= SPARSE_M else 1
+
+
+def hash_of_run(trajectory: NDArray[np.float64] | None) -> str | None:
+    """Sha256 of what carves of a mapping run's (m, 4, 4) poses; None: there are none."""
+    if trajectory is None:
+        return None
+    return sha256(thinned(trajectory[:, :3, 3]).astype(np.float32).tobytes()).hexdigest()
 
 
 def thinned(places: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ it did before, and tells nothing that the version before does not know.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,7 +27,11 @@ from .views import AT_ONCE, REACHES, STEP_M, ViewsChunk, rays_of, view_chunks
 
 
 def changed_views(
-    positions: NDArray[np.floating], kept: KeptSurface, sensor: SensorModel, mesh: Path
+    positions: NDArray[np.floating],
+    kept: KeptSurface,
+    sensor: SensorModel,
+    mesh: Path,
+    check: Callable[[], None] = lambda: None,
 ) -> Iterator[Arrays]:
     """Yield results as those of ``view_chunks``, with the returns alone that the version before lacks.
 
@@ -37,6 +41,7 @@ def changed_views(
         positions: (n, 3) of the templates.
         kept: the surface before.
         mesh: folder of the finished stage.
+        check: called before each chunk; it may raise.
     """
     change = kept.change
     chunks = [
@@ -44,7 +49,12 @@ def changed_views(
         for chunk, is_new in _told_new(view_chunks(positions, sensor), view_chunks(kept.seen_from, sensor))
         if is_new.any() or change.is_within(chunk.places, chunk.reach_m)
     ]
-    for _, voxels in in_turn(lambda one: _seen_anew(*one, change, mesh), chunks):
+
+    def seen(one: tuple[ViewsChunk, NDArray[np.bool_]]) -> NDArray[np.void]:
+        check()
+        return _seen_anew(*one, change, mesh)
+
+    for _, voxels in in_turn(seen, chunks):
         yield {"voxels": voxels}
 
 

@@ -1,12 +1,13 @@
 """Free space of a map of which little has changed: that of the version before, but for what has changed.
 
-A cell outside of what has changed that the mapping run saw free stays free. Within it a cell is free that the
-rays pass which may meet the change: all that pass such a cell are among them.
+The mapping run is the same; of another one all cells are carved anew. A cell outside of what has changed that
+the run saw free stays free. Within it a cell is free that the rays pass which may meet the change: all that
+pass such a cell are among them.
 """
 
 from __future__ import annotations
 
-from itertools import product
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +20,32 @@ from firstfix.sensor import SensorModel
 
 from ..execution.chunks import Arrays
 from ..execution.local_executor import in_turn
+from ..rebuild.base_version import BaseVersion
 from ..simulation.changed_surface import ChangedSurface
 from ..simulation.simulate import upright
-from .carve import AT_ONCE, BACK_OFF_M, CarveChunk, carve_chunks, cell_width_m, merged, poses_needed, rays_of
+from .carve import (
+    AT_ONCE,
+    BACK_OFF_M,
+    CarveChunk,
+    carve_chunks,
+    cell_width_m,
+    hash_of_run,
+    merged,
+    poses_needed,
+    rays_of,
+)
 
 _SIDE = 8  # of a brick, in cells
 _BITS = 21  # of a brick's number along each axis, in its key
+
+
+def free_before(base: BaseVersion, trajectory: NDArray[np.float64]) -> SeenFree | None:
+    """The free cells of the version before; None: it has none, or another mapping run saw them.
+
+    Args:
+        trajectory: (m, 4, 4) poses of the mapping run now.
+    """
+    return SeenFree.load(base.directory) if base.mapping_run == hash_of_run(trajectory) else None
 
 
 def carved_anew(
@@ -34,17 +55,24 @@ def carved_anew(
     registration: RegistrationConfig,
     change: ChangedSurface,
     mesh: Path,
+    check: Callable[[], None] = lambda: None,
 ) -> Arrays:
     """``brick`` (n, 3) and ``bits`` (n, 8, 2) of the free cells, as ``carve.merged`` returns them.
 
     Args:
         before: cells of the version before.
-        trajectory: (m, 4, 4) poses of the mapping run.
+        trajectory: (m, 4, 4) poses of the mapping run, the same as before.
         mesh: folder of the finished stage.
+        check: called before each chunk; it may raise.
     """
     chunks = carve_chunks(trajectory, sensor, registration)
     near = [chunk for chunk in chunks if change.is_within(chunk.places, sensor.max_range_m)]
-    parts = [part for _, part in in_turn(lambda chunk: _carved(chunk, change, mesh), near)]
+
+    def carved(chunk: CarveChunk) -> Arrays:
+        check()
+        return _carved(chunk, change, mesh)
+
+    parts = [part for _, part in in_turn(carved, near)]
     cell_m = cell_width_m(registration)
     brick, bits = before.bricks
     kept = bits & ~cells_within(brick, change, cell_m)
@@ -84,15 +112,18 @@ def cells_within(brick: NDArray[np.int32], change: ChangedSurface, cell_m: float
     high = np.floor(change.high.astype(np.float64) / cell_m).astype(np.int64) - 1
     holds_any = (low <= high).all(axis=1)
     for first, last in zip(low[holds_any], high[holds_any], strict=True):
-        ends = zip(first // _SIDE, last // _SIDE, strict=True)
-        x, y, z = np.array(list(product(*(range(a, b + 1) for a, b in ends)))).T
-        wanted = _key(np.stack([x, y, z], axis=1))
-        at = np.minimum(np.searchsorted(key, wanted, sorter=order), len(key) - 1)
-        known = key[order[at]] == wanted
-        rows = order[at[known]]
+        ends = [(a, b + 1) for a, b in zip(first // _SIDE, last // _SIDE, strict=True)]
+        if np.prod([b - a for a, b in ends], dtype=np.float64) > len(key):  # of a few huge triangles
+            rows = np.flatnonzero(
+                np.all([(a <= one) & (one < b) for (a, b), one in zip(ends, brick.T, strict=True)], axis=0)
+            )
+        else:
+            wanted = _key(np.stack(np.meshgrid(*(np.arange(a, b) for a, b in ends)), axis=-1).reshape(-1, 3))
+            at = np.minimum(np.searchsorted(key, wanted, sorter=order), len(key) - 1)
+            rows = order[at[key[order[at]] == wanted]]
         of_x, of_y, of_z = (
             (first[axis] <= cell) & (cell <= last[axis])
-            for axis, number in enumerate((x[known], y[known], z[known]))
+            for axis, number in enumerate(brick[rows].T)
             for cell in [_SIDE * number[:, None] + np.arange(_SIDE)]
         )
         cells = (of_y[:, :, None] & of_z[:, None, :]).reshape(-1, _SIDE * _SIDE)

@@ -22,6 +22,7 @@ from ..stage_files import write_json
 
 _log = logging.getLogger(__name__)
 REBUILT = "rebuilt"  # of the manifest's record of the source
+_MAPPING_RUN = "mapping_run"  # of what made it
 
 
 @dataclass(frozen=True)
@@ -76,15 +77,29 @@ class BaseVersion:
         return Calibration.from_mapping(json.loads((self.directory / CALIBRATION_FILE).read_text()))
 
     @property
+    def mapping_run(self) -> str | None:
+        """Hash of the mapping run that carved its free space (``carve.hash_of_run``); None: it has none."""
+        found: str | None = _made_by(self.directory).get(_MAPPING_RUN)
+        return found
+
+    @property
     def rebuilt(self) -> dict[str, Any]:
         """``Kept.record`` of the version itself; empty if it was built from nothing."""
         found: dict[str, Any] = self.manifest.source.get(REBUILT) or {}
         return found
 
 
-def write_made_by(directory: Path) -> None:
-    """Write the program that makes a version: another one keeps nothing of it."""
-    write_json(directory / MADE_BY_FILE, _this_program())
+def write_made_by(directory: Path, mapping_run: str | None) -> None:
+    """Write what made a version: another program keeps nothing of it, another mapping run no free space.
+
+    Args:
+        mapping_run: see ``BaseVersion.mapping_run``.
+    """
+    write_json(directory / MADE_BY_FILE, {**_this_program(), _MAPPING_RUN: mapping_run})
+
+
+def _made_by(directory: Path) -> dict[str, Any]:
+    return dict(json.loads((directory / MADE_BY_FILE).read_text()))
 
 
 def _this_program() -> dict[str, str]:
@@ -106,7 +121,7 @@ def _reason_against(directory: Path, manifest: Manifest, config: BuildConfig, so
         return "it has another config"
     if not (directory / SURFACE_FILE).exists() or not (directory / MADE_BY_FILE).exists():
         return "it is of an older release"
-    if json.loads((directory / MADE_BY_FILE).read_text()) != _this_program():
+    if not _this_program().items() <= _made_by(directory).items():
         return "another release made it"
     if EngineConfig.load(directory).descriptor.kind != "occupancy":
         return "its templates are those of the paper's method"

@@ -105,9 +105,11 @@ class _Map(_Share):
 
     Attributes:
         waiting: preparing or ready, by arrival.
-        usual: None: no query has ended yet.
+        has_run: whether a query of it was given to a worker, so that its map exists.
+        usual: None: no query has ended yet, or only cancelled ones.
     """
 
+    has_run: bool = False
     waiting: dict[Job, None] = field(default_factory=dict)
     ready: dict[Job, None] = field(default_factory=dict)
     usual: UsualQuery | None = None
@@ -270,7 +272,7 @@ class FairQueue:
 
     def _begin(self, job: Job, caller: _Caller, of_map: _Map) -> None:
         self._take(job)
-        job.state = State.RUNNING
+        job.state, of_map.has_run = State.RUNNING, True
         caller.used_s += job.charged_s
         of_map.used_s += job.charged_s
         self._running += 1
@@ -296,7 +298,7 @@ class FairQueue:
             del self._present[job.asker.caller]
         if of_map.places:
             return
-        if of_map.usual is None:  # its id may be invented
+        if not of_map.has_run:  # its id may be invented
             self._forget(job.asker)
             return
         self._idle[job.asker] = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -11,19 +12,22 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 import tests.reference.seen_free as oracle
+from firstfix.catalog.manifest import Manifest
 from firstfix.engine.config import RegistrationConfig
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.verification.seen_free import SeenFree
+from firstfix.errors import BuildCancelled
 from firstfix.sensor import preset
 from firstfix_builder.execution.stage_cache import StageResult
-from firstfix_builder.index.carve import carve_chunks, cell_width_m, merged
+from firstfix_builder.index.carve import carve_chunks, cell_width_m, hash_of_run, merged
 from firstfix_builder.index.changed_views import changed_views
-from firstfix_builder.index.kept_free_space import carved_anew, cells_within
+from firstfix_builder.index.kept_free_space import carved_anew, cells_within, free_before
 from firstfix_builder.index.kept_surface import NEWLY_SEEN_M, KeptSurface, distances, far_from
 from firstfix_builder.index.views import views_in
 from firstfix_builder.index.visible_points import map_surface
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.tiled_mesh import TiledMesh
+from firstfix_builder.rebuild.base_version import BaseVersion, write_made_by
 from firstfix_builder.simulation.changed_surface import ChangedSurface
 from firstfix_builder.simulation.simulate import Simulator, upright
 from tests.builder.box_scenes import box, floor
@@ -145,6 +149,20 @@ def test_a_new_viewpoint_sees_all_around(changed: Changed, tmp_path: Path):
     assert cKDTree(found.points).query(from_nothing(AFTER).points)[0].max() < 2 * NEWLY_SEEN_M
 
 
+def test_a_cancelled_build_ends_between_the_chunks_that_are_made_anew(changed: Changed):
+    def cancelled() -> None:
+        raise BuildCancelled("by its caller")
+
+    kept = KeptSurface(from_nothing(BEFORE), changed.change, POSITIONS)
+    with pytest.raises(BuildCancelled):
+        list(changed_views(POSITIONS, kept, SENSOR, changed.mesh, cancelled))
+    run = upright(np.array([[x, 12.0, 1.0] for x in np.arange(2, 40)]))
+    registration, none = RegistrationConfig(map_voxel_m=VOXEL_M), np.zeros((0, 3), np.int32)
+    before = SeenFree.of_bricks(none, np.zeros((0, 8, 2), np.int32), cell_width_m(registration))
+    with pytest.raises(BuildCancelled):
+        carved_anew(before, run, SENSOR, registration, changed.change, changed.mesh, cancelled)
+
+
 def test_near_and_far_points_are_those_of_a_tree():
     rng = np.random.default_rng(2)
     points, places = (rng.uniform(-9, 9, (n, 3)).astype(np.float32) for n in (3000, 40))
@@ -187,6 +205,18 @@ def test_free_space_is_carved_anew_where_the_surface_has_changed(changed: Change
     assert len(now - found_cells) < 0.05 * len(now)
 
 
+def test_free_space_is_kept_of_the_same_mapping_run_alone(tmp_path: Path):
+    run = upright(np.array([[x, 12.0, 1.0] for x in np.arange(2, 40)]))
+    SeenFree.of_bricks(np.zeros((1, 3), np.int32), np.ones((1, 8, 2), np.int32), 0.1).save(tmp_path)
+    base = BaseVersion(tmp_path, cast("Manifest", None))
+    write_made_by(tmp_path, hash_of_run(run))
+    assert free_before(base, run) is not None
+    for other in (run[:-4], np.concatenate([run, run[:1]]), run + np.eye(4, k=3)[None]):
+        assert free_before(base, other) is None
+    write_made_by(tmp_path, hash_of_run(None))
+    assert free_before(base, run) is None
+
+
 def test_bricks_are_those_that_the_tables_were_made_of():
     rng = np.random.default_rng(1)
     brick = np.unique(rng.integers(-30, 30, (400, 3)), axis=0).astype(np.int32)
@@ -195,6 +225,18 @@ def test_bricks_are_those_that_the_tables_were_made_of():
     assert dict(zip(map(bytes, found[0]), map(bytes, found[1]), strict=True)) == dict(
         zip(map(bytes, brick), map(bytes, bits), strict=True)
     )
+
+
+@pytest.mark.parametrize("high_m", [(1.3, 2.6, 2.0), (2000.0, 2000.0, 0.5)])
+def test_the_cells_within_a_box_are_those_that_lie_wholly_in_it(high_m: tuple[float, ...]):
+    """A triangle may be as large as the map: so may its box be."""
+    brick = np.stack(np.meshgrid(*3 * [np.arange(-1, 3)]), axis=-1).reshape(-1, 3).astype(np.int32)
+    low, high = np.float32([[-0.35, -0.5, 0.1]]), np.float32([high_m])
+    change = ChangedSurface(StageResult("", Path(), ""), low, high, None, None)
+    found = oracle.cells_in(brick, cells_within(brick, change, 0.25))
+    corner = np.stack(np.meshgrid(*3 * [np.arange(-8, 24)]), axis=-1).reshape(-1, 3)
+    inside = ((corner * 0.25 >= low) & ((corner + 1) * 0.25 <= high)).all(axis=1)
+    assert found == {tuple(cell) for cell in corner[inside].tolist()}
 
 
 def test_no_cell_is_within_no_change(changed: Changed):

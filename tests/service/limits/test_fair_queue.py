@@ -284,6 +284,21 @@ def test_a_cancelled_query_tells_only_that_a_usual_one_is_no_quicker():
     assert cancelled_after(HEAVY_S) == pytest.approx(1.1)
 
 
+def test_who_lets_every_query_be_cancelled_is_charged_for_them_all_the_same():
+    run = Simulated(1)
+    run.ask("other", HEAVY_S)
+    run.finish()
+    run.begun.clear()
+    run.cancelled.add(run.ask("quitter", 1.0))
+    run.begin()
+    for _ in range(2):
+        run.ask("robot", QUICK_S)
+    run.pass_until(run.now + 1.0)
+    run.cancelled.add(run.ask("quitter", 1.0))
+    run.finish()
+    assert run.begun == ["quitter", "robot", "robot", "quitter"]
+
+
 def test_invented_maps_and_idle_callers_are_forgotten(
     monkeypatch: pytest.MonkeyPatch,
 ):
