@@ -119,7 +119,7 @@ def test_the_store_is_timed_and_its_failures_counted(tmp_path: Path, monkeypatch
 
 
 def test_every_operation_of_the_store_is_metered():
-    derived = {"open", "open_at", "exists", "list", "pieces", "now"}
+    derived = {"open", "open_at", "open_cache", "exists", "list", "pieces", "now"}
     of_the_disk = {"local_path", "directory", "probe", "remove_leftovers", "check_room"}
     public = {name for name in vars(Store) if not name.startswith("_")}
     assert public == derived | of_the_disk | set(OPERATIONS)
