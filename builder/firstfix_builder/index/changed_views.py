@@ -1,4 +1,4 @@
-"""What is newly seen of a changed surface: views by the rays that may meet the change, and no others.
+"""Views of a changed surface by the rays that may meet the change, and no others.
 
 Every ray that ends within what has changed is among them. A ray that meets unchanged surface first ends where
 it did before, and tells nothing that the version before does not know.

@@ -49,7 +49,7 @@ POSITIONS = np.array([[x, y, 1.0] for x in np.arange(1.5, 47, 3.0) for y in (2.0
 
 @dataclass(frozen=True)
 class Changed:
-    """What has changed, and the folder of the mesh now."""
+    """A change of the surface, and the folder of the mesh now."""
 
     change: ChangedSurface
     mesh: Path
