@@ -18,8 +18,8 @@ constexpr double kStoreyM = 1.5;       // in height, at least: of a floor above 
 constexpr double kHopelessBelow = 0.01;
 // Probability that a pose has at most, from which on it may be sure once it is aligned finely.
 constexpr double kMayBeSure = 0.5;
-// Poses, best by alignment first: where none of so many may be sure, those that fit worse are no answer either. Over 29 such
-// scans of the demo's factory, no probability moved by more than 0.006 (lab/docs/experiments.md).
+// Poses, best by alignment first: where none of so many may be sure, those that fit worse are no answer either: no
+// verdict of some 1,000 scans is another one by this and its like (lab/docs/experiments.md, hard scans).
 constexpr std::size_t kEnoughUnsure = 12;
 
 // Whether a position, (3,), is above or below another one, on another storey.
